@@ -1,0 +1,66 @@
+//! One error for everything a user types: it marks the place.
+
+use std::fmt;
+use std::ops::Range;
+
+/// A text that could not be read, with the place that is wrong and what would be right.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ParseError {
+    text: String,
+    span: Range<usize>,
+    what: String,
+    hint: String,
+}
+
+impl ParseError {
+    /// `span` is in bytes of `text`.
+    pub(crate) fn new(
+        text: &str,
+        span: Range<usize>,
+        what: impl Into<String>,
+        hint: impl Into<String>,
+    ) -> Self {
+        ParseError {
+            text: text.to_owned(),
+            span,
+            what: what.into(),
+            hint: hint.into(),
+        }
+    }
+
+    /// The same complaint, seen inside a longer text in which `self`'s text starts at byte `at`.
+    pub(crate) fn within(self, outer: &str, at: usize) -> Self {
+        ParseError {
+            text: outer.to_owned(),
+            span: at + self.span.start..at + self.span.end,
+            ..self
+        }
+    }
+
+    /// The bytes of the text that are wrong.
+    pub fn span(&self) -> Range<usize> {
+        self.span.clone()
+    }
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let column = |byte: usize| self.text.get(..byte).map_or(0, |s| s.chars().count());
+        let (from, to) = (column(self.span.start), column(self.span.end));
+        writeln!(f, "{}", self.what)?;
+        writeln!(f, "    {}", self.text)?;
+        write!(f, "    {:from$}{}", "", "^".repeat((to - from).max(1)))?;
+        if !self.hint.is_empty() {
+            write!(f, "\n  {}", self.hint)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for ParseError {}
+
+/// The parts of `text` between `separator`s with the byte each starts at.
+pub(crate) fn split_at(text: &str, separator: char) -> impl Iterator<Item = (usize, &str)> {
+    text.split(separator)
+        .map(move |part| (part.as_ptr() as usize - text.as_ptr() as usize, part))
+}
