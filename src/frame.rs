@@ -1,0 +1,552 @@
+//! BiSS-C: a trace becomes a head and words, or a named fault; and the inverse.
+//!
+//! A frame after rising edge 1, 2, 3 … reads `1 0…0 1 CDS channel… 0` (D2, p. 5-7): LAT, Ack from edge 2 plus
+//! the line delay, start, CDS, each channel's data and CRC, stop.
+
+use crate::format::{Channel, Format, MAX_CHANNELS};
+use crate::protocol::{Ability, Protocol};
+use crate::trace::{Bits, Clocks, MAX_CLOCKS, Trace, Until};
+use std::fmt;
+
+/// What the wire said wrong. Every number is what was seen, in the unit of its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// SL was 0 before the frame, or at its first edge. Slave not powered or not initialised; line stuck low.
+    NotReady {
+        /// How long SL = 1 was awaited.
+        waited_ns: Option<u64>,
+    },
+    /// SL never fell. No encoder, no power, or the MA pair swapped or cut.
+    NoAck {
+        /// Clocks searched from edge 2.
+        clocks: u16,
+    },
+    /// SL fell and did not rise again. Encoder busy beyond the limit, or line stuck low.
+    NoStart {
+        /// Clocks searched from the Ack edge.
+        clocks: u16,
+    },
+    /// The frame ended before its last bit. Too few clocks, or a recording that begins or ends inside it.
+    Short {
+        /// SL levels there are, LAT included.
+        have_bits: u16,
+        /// SL levels this frame needs.
+        want_bits: u16,
+    },
+    /// The CRC does not belong to the data. Noise, sampling at the wrong time, or a wrong frame format.
+    Crc {
+        /// As received.
+        got: u16,
+        /// As computed from the received data.
+        want: u16,
+    },
+    /// The stop bit or a surplus clock read 1. Wrong frame format, or a frame that restarted underway.
+    Stop {
+        /// The rising edge that set it, counted from 1.
+        clock: u16,
+    },
+    /// All data bits are 0 in a channel with nE or nW: the slave's own "no valid data" (D2, p. 13).
+    Null,
+    /// MA stood still for so long that the slave may have timed out and begun a new frame.
+    Stalled {
+        /// Upper bound of the level or period.
+        level_ns: u32,
+        /// What was allowed.
+        limit_ns: u32,
+        /// The rising edge that ended it.
+        edge: u16,
+    },
+    /// The sign-of-life counter did not count on: the encoder repeats itself, or frames are lost.
+    Life {
+        /// As received.
+        got: u64,
+        /// The next one after the last.
+        want: u64,
+    },
+    /// Clocks from edge 2 to the start bit differ from what this encoder has shown: the start bit, which nothing on
+    /// the wire protects, may be a flipped bit.
+    Mismatch {
+        /// Clocks from edge 2 to the start edge in this frame.
+        head: u16,
+        /// Least learned.
+        low: u16,
+        /// Most learned.
+        high: u16,
+    },
+}
+
+impl Fault {
+    /// Its name in every output.
+    pub fn name(&self) -> &'static str {
+        Fault::NAMES[self.index()]
+    }
+
+    /// All names, in the order of [`Fault::index`].
+    pub const NAMES: [&'static str; 10] = [
+        "not-ready",
+        "no-ack",
+        "no-start",
+        "short",
+        "crc",
+        "stop",
+        "null",
+        "stalled",
+        "lc",
+        "mismatch",
+    ];
+
+    /// A number for counting.
+    pub fn index(&self) -> usize {
+        match self {
+            Fault::NotReady { .. } => 0,
+            Fault::NoAck { .. } => 1,
+            Fault::NoStart { .. } => 2,
+            Fault::Short { .. } => 3,
+            Fault::Crc { .. } => 4,
+            Fault::Stop { .. } => 5,
+            Fault::Null => 6,
+            Fault::Stalled { .. } => 7,
+            Fault::Life { .. } => 8,
+            Fault::Mismatch { .. } => 9,
+        }
+    }
+
+    /// Its numbers under their names.
+    pub fn numbers(&self) -> impl Iterator<Item = (&'static str, u64)> {
+        let list: [Option<(&'static str, u64)>; 3] = match *self {
+            Fault::NotReady { waited_ns } => [waited_ns.map(|ns| ("waited_ns", ns)), None, None],
+            Fault::NoAck { clocks } | Fault::NoStart { clocks } => {
+                [Some(("clocks", clocks.into())), None, None]
+            }
+            Fault::Short {
+                have_bits,
+                want_bits,
+            } => [
+                Some(("have_bits", have_bits.into())),
+                Some(("want_bits", want_bits.into())),
+                None,
+            ],
+            Fault::Crc { got, want } => {
+                [Some(("got", got.into())), Some(("want", want.into())), None]
+            }
+            Fault::Stop { clock } => [Some(("clock", clock.into())), None, None],
+            Fault::Null => [None; 3],
+            Fault::Stalled {
+                level_ns,
+                limit_ns,
+                edge,
+            } => [
+                Some(("level_ns", level_ns.into())),
+                Some(("limit_ns", limit_ns.into())),
+                Some(("edge", edge.into())),
+            ],
+            Fault::Life { got, want } => [Some(("got", got)), Some(("want", want)), None],
+            Fault::Mismatch { head, low, high } => [
+                Some(("head_clk", head.into())),
+                Some(("min_clk", low.into())),
+                Some(("max_clk", high.into())),
+            ],
+        };
+        list.into_iter().flatten()
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())?;
+        let us = |ns: u64| ns as f64 / 1000.0;
+        match *self {
+            Fault::NotReady {
+                waited_ns: Some(ns),
+            } => write!(f, ": SL still low after {:.1} us", us(ns)),
+            Fault::NotReady { waited_ns: None } => f.write_str(": SL low before the frame"),
+            Fault::NoAck { clocks } => write!(f, ": SL still high after {clocks} clocks"),
+            Fault::NoStart { clocks } => write!(f, ": SL still low {clocks} clocks after Ack"),
+            Fault::Short {
+                have_bits,
+                want_bits,
+            } => write!(f, ": {have_bits} of {want_bits} bits"),
+            Fault::Crc { got, want } => write!(f, ": got {got:#04x}, want {want:#04x}"),
+            Fault::Stop { clock } => {
+                write!(f, ": SL high at clock {clock}, after the last data bit")
+            }
+            Fault::Null => f.write_str(": the encoder says it has no valid data"),
+            Fault::Stalled {
+                level_ns,
+                limit_ns,
+                edge,
+            } => write!(
+                f,
+                ": MA stood up to {:.1} us at clock {edge}, limit {:.1} us",
+                us(level_ns.into()),
+                us(limit_ns.into())
+            ),
+            Fault::Life { got, want } => write!(f, ": got {got}, want {want}"),
+            Fault::Mismatch { head, low, high } => {
+                write!(
+                    f,
+                    ": start bit at clock {}, learned {} to {}",
+                    head + 2,
+                    low + 2,
+                    high + 2
+                )
+            }
+        }
+    }
+}
+
+/// What a frame says before its data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// Whole clocks of line delay: from edge 2 to the sample that first reads 0.
+    pub delay_clk: u16,
+    /// Clocks from the Ack edge to the start edge, at least 1.
+    pub ack: u16,
+    /// The control bit of the slave.
+    pub cds: bool,
+}
+
+impl Head {
+    /// Clocks from edge 2 to the start edge.
+    pub fn clocks(&self) -> u16 {
+        self.delay_clk + self.ack
+    }
+}
+
+/// One channel as it was received: raw bits, and a verdict.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Word {
+    data: u64,
+    crc: u16,
+    fault: Option<Fault>,
+}
+
+impl Word {
+    /// The data word, only if nothing was wrong with it. In a channel with a CRC, that was good.
+    pub fn good(&self) -> Option<u64> {
+        self.fault.is_none().then_some(self.data)
+    }
+
+    /// What was wrong with it.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// The bits as received, data and CRC, whatever they are worth: for looking at, never a position.
+    pub fn raw(&self) -> (u64, u16) {
+        (self.data, self.crc)
+    }
+
+    pub(crate) fn spoil(&mut self, fault: Fault) {
+        self.fault = Some(fault);
+    }
+}
+
+/// A decoded cycle: a fault of its own, or a head and one word per channel. Reused from frame to frame.
+#[derive(Clone, Debug, Default)]
+pub struct Cycle {
+    /// What spoils the whole cycle; then there are no words.
+    fault: Option<Fault>,
+    head: Option<Head>,
+    words: [Word; MAX_CHANNELS],
+    channels: u8,
+}
+
+impl Cycle {
+    /// The fault of the whole cycle.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Ack, start and CDS, where they were found.
+    pub fn head(&self) -> Option<Head> {
+        self.head
+    }
+
+    /// One word per channel in wire order; none when the cycle itself is a fault.
+    pub fn words(&self) -> &[Word] {
+        &self.words[..usize::from(self.channels)]
+    }
+
+    pub(crate) fn words_mut(&mut self) -> &mut [Word] {
+        &mut self.words[..usize::from(self.channels)]
+    }
+
+    /// Whether everything in it is good.
+    pub fn is_good(&self) -> bool {
+        self.fault.is_none() && self.words().iter().all(|w| w.fault.is_none())
+    }
+
+    /// Makes the whole cycle a fault; its words are gone.
+    pub fn spoil(&mut self, fault: Fault) {
+        self.fault = Some(fault);
+        self.channels = 0;
+    }
+
+    fn reset(&mut self) {
+        *self = Cycle::default();
+    }
+}
+
+/// From how long a level on MA a slave may have timed out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stall {
+    /// The encoder is not known: 12 µs, two clocks and the frame's own adaptive reference, whichever is least.
+    Unknown,
+    /// A static timeout of at least this long.
+    Static {
+        /// The shortest timeout.
+        min_ns: u32,
+    },
+    /// An adaptive timeout: the frame's own reference, at most 12 µs.
+    Adaptive,
+}
+
+/// Just under the shortest static timeout, 12.5 µs (D2 Table 10).
+const STATIC_MIN_NS: u32 = 12_000;
+
+/// A slave answers within eight clocks of extra delay whatever the time limits say (busy_s, D2 Table 10).
+const LEAST_SEARCH: u16 = 8;
+
+/// BiSS-C with the limits that hold for this encoder.
+#[derive(Clone, Debug)]
+pub struct BissC {
+    /// What follows CDS.
+    pub format: Format,
+    /// Longest line delay: edge 2 to Ack (D2 Table 10: 40 µs).
+    pub ack_limit_ns: u32,
+    /// Longest processing time: Ack to start (D2 Table 10: 40 µs).
+    pub busy_limit_ns: u32,
+    /// When a frame counts as stalled.
+    pub stall: Stall,
+    /// Longest timeout of the slave (D2 Table 10: 40 µs).
+    pub timeout_max_ns: u32,
+}
+
+impl BissC {
+    /// The specification's limits for a frame of this format.
+    pub fn new(format: Format) -> BissC {
+        BissC {
+            format,
+            ack_limit_ns: 40_000,
+            busy_limit_ns: 40_000,
+            stall: Stall::Unknown,
+            timeout_max_ns: 40_000,
+        }
+    }
+
+    /// Rising edges after the start edge: CDS, all channels, stop.
+    fn tail(&self) -> u16 {
+        self.format.bits() + 2
+    }
+
+    /// Bits of the shortest possible frame: LAT, Ack, start, then the tail.
+    fn least_bits(&self) -> u16 {
+        3 + self.tail()
+    }
+
+    fn stall_limit_ns(&self, trace: &Trace) -> u32 {
+        let reference = trace.reference_ns.unwrap_or(u32::MAX);
+        match self.stall {
+            Stall::Static { min_ns } => min_ns,
+            Stall::Adaptive => STATIC_MIN_NS.min(reference),
+            Stall::Unknown => {
+                let two_clocks = trace
+                    .ma_period_ns
+                    .map_or(u32::MAX, |period| period.saturating_mul(2));
+                STATIC_MIN_NS.min(reference).min(two_clocks)
+            }
+        }
+    }
+
+    fn head(&self, trace: &Trace) -> Result<(Head, usize), Fault> {
+        let bits = &trace.bits;
+        let have = bits.len() as u16;
+        let short = |want: u16| Fault::Short {
+            have_bits: have,
+            want_bits: want,
+        };
+        if trace.idle == Some(false) || bits.get(0) == Some(false) {
+            return Err(Fault::NotReady {
+                waited_ns: trace.waited_ns,
+            });
+        }
+        if trace.headless {
+            return Err(short(self.least_bits().max(have.saturating_add(1))));
+        }
+        let whole = have >= self.least_bits();
+        let ack_limit = search_clocks(self.ack_limit_ns, trace.ma_period_ns);
+        let start_limit = search_clocks(self.busy_limit_ns, trace.ma_period_ns);
+        let Some(ack_at) = bits.find(1, false) else {
+            let clocks = have.saturating_sub(1);
+            let enough = whole || clocks >= ack_limit;
+            return Err(if enough {
+                Fault::NoAck { clocks }
+            } else {
+                short(self.least_bits())
+            });
+        };
+        if let Some(level) = trace.longest {
+            let limit_ns = self.stall_limit_ns(trace);
+            if level.ns > limit_ns {
+                return Err(Fault::Stalled {
+                    level_ns: level.ns,
+                    limit_ns,
+                    edge: level.edge,
+                });
+            }
+        }
+        let delay_clk = (ack_at - 1) as u16;
+        if delay_clk > ack_limit {
+            return Err(Fault::NoAck { clocks: ack_limit });
+        }
+        let want = |head: u16| 2u16.saturating_add(head).saturating_add(self.tail());
+        let Some(start_at) = bits.find(ack_at, true) else {
+            let clocks = have - ack_at as u16 - 1;
+            let enough = clocks >= start_limit || whole && clocks > LEAST_SEARCH;
+            return Err(if enough {
+                Fault::NoStart { clocks }
+            } else {
+                short(want(delay_clk + clocks + 1))
+            });
+        };
+        let ack = (start_at - ack_at) as u16;
+        if ack > start_limit {
+            return Err(Fault::NoStart {
+                clocks: start_limit,
+            });
+        }
+        let want = want(delay_clk + ack);
+        if have < want {
+            return Err(short(want));
+        }
+        let cds = bits.get(start_at + 1) == Some(true);
+        Ok((
+            Head {
+                delay_clk,
+                ack,
+                cds,
+            },
+            start_at + 2,
+        ))
+    }
+}
+
+/// A time limit in clocks, eight at least; without a clock there is no limit.
+fn search_clocks(limit_ns: u32, period_ns: Option<u32>) -> u16 {
+    match period_ns {
+        Some(period) if period > 0 => {
+            (limit_ns.div_ceil(period)).clamp(LEAST_SEARCH.into(), MAX_CLOCKS as u32) as u16
+        }
+        _ => MAX_CLOCKS as u16,
+    }
+}
+
+impl Protocol for BissC {
+    fn format(&self) -> &Format {
+        &self.format
+    }
+
+    fn request(&self, ability: &Ability) -> Clocks {
+        let period = Some(ability.period_ns);
+        let ack = search_clocks(self.ack_limit_ns, period);
+        let start = search_clocks(self.busy_limit_ns, period);
+        let until = if ability.reacts {
+            Until::Frame {
+                ack,
+                start,
+                then: self.tail(),
+            }
+        } else {
+            // Two surplus clocks are checked to be 0, two more let the encoder's busy time wander.
+            let most = ack.saturating_add(start);
+            let head = ability.head.map_or(LEAST_SEARCH, |head| head + 2);
+            let head = (head << ability.widen.min(8)).min(most);
+            Until::Clocks((2 + head + self.tail() + 2).min(MAX_CLOCKS as u16))
+        };
+        let stretch_ns = match self.stall {
+            // A little less than the 12 µs in sum that stay below every static ceiling.
+            Stall::Adaptive if ability.reacts => 11_000,
+            _ => 0,
+        };
+        let delay = match ability.delay_clk {
+            Some(clocks) => (u32::from(clocks) + 1).saturating_mul(ability.period_ns),
+            None => self.ack_limit_ns,
+        };
+        Clocks {
+            until,
+            stretch_ns,
+            cdm: [false; 2],
+            hold_ns: self.timeout_max_ns.saturating_add(self.ack_limit_ns),
+            ready_ns: Some(self.timeout_max_ns.saturating_add(delay)),
+        }
+    }
+
+    fn decode(&self, trace: &Trace, cycle: &mut Cycle) {
+        cycle.reset();
+        let (head, data_at) = match self.head(trace) {
+            Ok(found) => found,
+            Err(fault) => return cycle.spoil(fault),
+        };
+        cycle.head = Some(head);
+        let stop_at = data_at + usize::from(self.format.bits());
+        if let Some(high) = trace.bits.find(stop_at, true) {
+            return cycle.spoil(Fault::Stop {
+                clock: high as u16 + 1,
+            });
+        }
+        let mut at = data_at;
+        for (word, channel) in cycle.words.iter_mut().zip(self.format.channels()) {
+            *word = read_word(&trace.bits, at, channel);
+            at += usize::from(channel.data_bits() + channel.crc_bits());
+        }
+        cycle.channels = self.format.channels().len() as u8;
+    }
+}
+
+fn read_word(bits: &Bits, at: usize, channel: &Channel) -> Word {
+    let (data_bits, crc_bits) = (
+        usize::from(channel.data_bits()),
+        usize::from(channel.crc_bits()),
+    );
+    // The caller has checked that the stop bit, which comes later, is there.
+    let data = bits.word(at, data_bits).unwrap_or(0);
+    let crc = bits.word(at + data_bits, crc_bits).unwrap_or(0) as u16;
+    let want = channel.crc().map_or(0, |c| c.of(data, channel.data_bits()));
+    let fault = if crc != want {
+        Some(Fault::Crc { got: crc, want })
+    } else if data == 0 && channel.has_null() {
+        Some(Fault::Null)
+    } else {
+        None
+    };
+    Word { data, crc, fault }
+}
+
+/// The inverse of decoding: the SL levels of a frame, from edge 1 to the stop bit.
+///
+/// `data` has one word per channel of `format`.
+pub fn emit(format: &Format, head: Head, data: &[u64], bits: &mut Bits) {
+    bits.clear();
+    bits.push(true);
+    bits.extend(std::iter::repeat_n(true, head.delay_clk.into()));
+    bits.extend(std::iter::repeat_n(false, head.ack.into()));
+    bits.push(true);
+    bits.push(head.cds);
+    for (channel, data) in format.channels().iter().zip(data) {
+        let crc = channel
+            .crc()
+            .map_or(0, |c| c.of(*data, channel.data_bits()));
+        bits.extend(
+            (0..channel.data_bits())
+                .rev()
+                .map(|place| data >> place & 1 == 1),
+        );
+        bits.extend(
+            (0..channel.crc_bits())
+                .rev()
+                .map(|place| crc >> place & 1 == 1),
+        );
+    }
+    bits.push(false);
+}

@@ -1,0 +1,196 @@
+//! Links: everything that can run cycles, from two GPIO lines to a recording, behind one trait.
+
+pub mod bitbang;
+pub mod file;
+pub mod gpio;
+pub mod sim;
+pub mod spec;
+pub mod spi;
+
+pub use spec::{Kind, Spec};
+
+use crate::trace::{Ask, Trace};
+use crate::unit::Hertz;
+use std::fmt;
+use std::time::{Duration, Instant};
+
+/// What a link can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Caps {
+    /// False for a recording: what is asked is ignored, nothing is paced, repeated or recovered.
+    pub live: bool,
+    /// Sees SL while clocking: [`crate::trace::Until::Frame`] and differing CDM entries are honoured.
+    pub reacts: bool,
+    /// Can send CDM = 1.
+    pub cdm: bool,
+    /// Sees SL without clocking.
+    pub sees_idle: bool,
+    /// Bounds the length of MA levels.
+    pub times_levels: bool,
+    /// Can sample SL early or late in the bit.
+    pub phases: bool,
+    /// Time passes only while cycles run.
+    pub virtual_time: bool,
+    /// Cycles that one system call can hold.
+    pub burst: u16,
+}
+
+/// An MA clock, and how far to trust the figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Clock {
+    /// The frequency.
+    pub hz: Hertz,
+    /// Where it comes from.
+    pub known: Known,
+}
+
+/// Where a figure comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Known {
+    /// What the driver was asked for; it may do less.
+    Asked,
+    /// Measured on this link.
+    Measured,
+    /// True by construction.
+    Exact,
+}
+
+impl fmt::Display for Clock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.hz)?;
+        match self.known {
+            Known::Asked => f.write_str(" (asked)"),
+            Known::Measured => f.write_str(" (measured)"),
+            Known::Exact => Ok(()),
+        }
+    }
+}
+
+/// Where in a bit SL is sampled by a link that has no other choice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// SPI mode 3: with the next rising edge; the whole bit is delay budget.
+    Late,
+    /// SPI mode 2: with the falling edge, half a bit after the rising one.
+    Early,
+}
+
+impl Phase {
+    /// The SPI mode's number.
+    pub fn mode(self) -> u8 {
+        match self {
+            Phase::Late => 3,
+            Phase::Early => 2,
+        }
+    }
+}
+
+/// The machine failed: what was being done, what the system said, what to try.
+#[derive(Debug)]
+pub struct Error {
+    doing: String,
+    said: String,
+    hint: String,
+}
+
+impl Error {
+    /// All three parts.
+    pub fn new(
+        doing: impl Into<String>,
+        said: impl fmt::Display,
+        hint: impl Into<String>,
+    ) -> Error {
+        Error {
+            doing: doing.into(),
+            said: said.to_string(),
+            hint: hint.into(),
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}\n  {}", self.doing, self.said, self.hint)
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// Two wires, or what stands for them.
+pub trait Link {
+    /// What it can do.
+    fn caps(&self) -> Caps;
+
+    /// Its own clock: monotonic on hardware, virtual for `sim`, recorded for `file`.
+    fn now_ns(&self) -> u64;
+
+    /// The MA clock as it runs.
+    fn clock(&self) -> Clock;
+
+    /// Asks for an MA clock and says what was achieved.
+    ///
+    /// # Errors
+    /// When the device refuses it, and on recordings.
+    fn set_clock(&mut self, hz: Hertz) -> Result<Clock, Error>;
+
+    /// Measures the clock as it really runs, where that takes transfers of its own.
+    ///
+    /// # Errors
+    /// When a transfer fails.
+    fn measure_clock(&mut self) -> Result<Clock, Error> {
+        Ok(self.clock())
+    }
+
+    /// Samples SL at another place in the bit; false where there is no choice or the user has made it.
+    ///
+    /// # Errors
+    /// When the device refuses it.
+    fn set_phase(&mut self, _phase: Phase) -> Result<bool, Error> {
+        Ok(false)
+    }
+
+    /// MA high for so long, then SL, where it can be seen without clocking.
+    ///
+    /// # Errors
+    /// When a line cannot be driven or read.
+    fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error>;
+
+    /// Runs `asks` in order into `out`, which is as long; returns how many ran. Fewer means the recording has ended.
+    ///
+    /// # Errors
+    /// When the device fails, or a recording is damaged: after everything good before it was delivered.
+    fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error>;
+
+    /// What the user should know about how this link runs, one line each.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+}
+
+/// The monotonic clock of hardware links.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Monotonic(Instant);
+
+/// A sleep ends late by some tens of microseconds: the rest is spun.
+const SPIN_NS: u64 = 200_000;
+
+impl Monotonic {
+    pub(crate) fn start() -> Monotonic {
+        Monotonic(Instant::now())
+    }
+
+    pub(crate) fn now_ns(self) -> u64 {
+        self.0.elapsed().as_nanos() as u64
+    }
+
+    /// Waits until `ns`, and not at all when that has passed.
+    pub(crate) fn until(self, ns: u64) {
+        let left = ns.saturating_sub(self.now_ns());
+        if left > 2 * SPIN_NS {
+            std::thread::sleep(Duration::from_nanos(left - SPIN_NS));
+        }
+        while self.now_ns() < ns {
+            std::hint::spin_loop();
+        }
+    }
+}

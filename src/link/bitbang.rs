@@ -1,0 +1,336 @@
+//! One clocked cycle over three primitives: set MA, read SL, wait. Shared by every link that moves MA itself.
+
+use super::{Caps, Clock, Error, Known, Link};
+use crate::trace::{Ask, Clocks, Trace, Until};
+use crate::unit::Hertz;
+
+/// MA and SL as single levels, and a clock.
+pub trait Pins {
+    /// Drives MA.
+    ///
+    /// # Errors
+    /// When the line cannot be driven.
+    fn ma(&mut self, high: bool) -> Result<(), Error>;
+    /// Reads SL.
+    ///
+    /// # Errors
+    /// When the line cannot be read.
+    fn sl(&mut self) -> Result<bool, Error>;
+    /// Time on the link's clock.
+    fn now_ns(&self) -> u64;
+    /// Waits until then; returns at once when late.
+    fn until(&mut self, ns: u64);
+    /// How long one call of [`Pins::ma`] and of [`Pins::sl`] take.
+    fn cost_ns(&self) -> (u64, u64);
+    /// Time passes only by these calls.
+    fn virtual_time(&self) -> bool {
+        false
+    }
+}
+
+/// A link that moves MA edge by edge.
+#[derive(Debug)]
+pub struct Bang<P> {
+    pins: P,
+    period_ns: u64,
+    measured_ns: Option<u64>,
+    ma_high: bool,
+    last_edge_ns: u64,
+    /// The last frame ended with its stop bit seen as 0, so SL = 1 means ready. Else SL = 1 may be a data bit
+    /// of a frame that was cut (D2, p. 7; Renishaw, p. 2).
+    stop_seen: bool,
+}
+
+/// MA is high this long before the first cycle and on the way out (D2, p. 12: 40 µs reset everything).
+pub const REST_NS: u64 = 40_000;
+
+/// 250 kHz: the slowest clock that every slave must take (D2 Table 10).
+const USUAL_PERIOD_NS: u64 = 4_000;
+
+impl<P: Pins> Bang<P> {
+    /// Takes over pins whose MA has just been driven high.
+    pub fn new(pins: P) -> Bang<P> {
+        let (set, _) = pins.cost_ns();
+        // An adaptive slave's timeout is 1.5 periods less a call, a period can last a call more than was meant:
+        // below four calls a period nothing could be proven. A fifth gives room.
+        let period_ns = USUAL_PERIOD_NS.max(5 * set);
+        let last_edge_ns = pins.now_ns();
+        Bang {
+            pins,
+            period_ns,
+            measured_ns: None,
+            ma_high: true,
+            last_edge_ns,
+            stop_seen: false,
+        }
+    }
+
+    /// The pins.
+    pub fn pins(&self) -> &P {
+        &self.pins
+    }
+
+    /// The pins, to change what they stand for.
+    pub fn pins_mut(&mut self) -> &mut P {
+        &mut self.pins
+    }
+
+    /// Drives MA; the times before and after the call enclose the edge.
+    fn edge(&mut self, high: bool) -> Result<Edge, Error> {
+        let before = self.pins.now_ns();
+        self.pins.ma(high)?;
+        self.ma_high = high;
+        let after = self.pins.now_ns();
+        self.last_edge_ns = after;
+        Ok(Edge { before, after })
+    }
+
+    /// Waits for SL = 1. False when it stays 0.
+    fn ready(&mut self, ready_ns: u32, trace: &mut Trace) -> Result<bool, Error> {
+        let limit = self.last_edge_ns + u64::from(ready_ns);
+        if !self.stop_seen {
+            self.pins.until(limit);
+        }
+        let level = loop {
+            let late = self.pins.now_ns() >= limit;
+            let level = self.pins.sl()?;
+            if level || late {
+                break level;
+            }
+            self.pins.until(self.pins.now_ns() + POLL_NS);
+        };
+        trace.idle = Some(level);
+        trace.waited_ns = Some(self.pins.now_ns() - self.last_edge_ns);
+        Ok(level)
+    }
+
+    fn cycle(&mut self, ask: &Ask, trace: &mut Trace) -> Result<(), Error> {
+        trace.reset();
+        let clocks = &ask.clocks;
+        if !self.ma_high {
+            self.edge(true)?;
+        }
+        self.pins
+            .until(ask.at_ns.max(self.last_edge_ns + self.period_ns));
+        trace.t_ns = self.pins.now_ns();
+        trace.ma_period_ns = u32::try_from(self.period_ns).ok();
+        if let Some(ready_ns) = clocks.ready_ns {
+            if !self.ready(ready_ns, trace)? {
+                return Ok(());
+            }
+        }
+        let search = self.clock_out(clocks, trace)?;
+        self.control(clocks, &search, trace)
+    }
+
+    /// All edges of the frame, and the levels between them.
+    fn clock_out(&mut self, clocks: &Clocks, trace: &mut Trace) -> Result<Search, Error> {
+        let half = self.period_ns / 2;
+        let head = half.max(u64::from(clocks.stretch_ns) / 3);
+        let length = |index: u32| if index < 3 { head } else { half };
+        let (_, read_ns) = self.pins.cost_ns();
+        let mut search = Search::new(clocks.until);
+        let mut due = self.pins.now_ns();
+        let first_fall = self.edge(false)?;
+        trace.t_ns = first_fall.before;
+        let (mut fall, mut rise, mut first_rise) = (first_fall, None::<Edge>, None::<u64>);
+        let mut edge = 0u16;
+        loop {
+            due = (due + length(2 * u32::from(edge))).max(fall.before);
+            if edge > 0 {
+                // Late in the bit: what the last rising edge set has had nearly a whole period to arrive.
+                self.pins.until(due.saturating_sub(read_ns));
+                // SL cannot change at LAT, so there is nothing to read yet.
+                let level = if edge == 1 {
+                    trace.idle.unwrap_or(true)
+                } else {
+                    self.pins.sl()?
+                };
+                trace.bits.push(level);
+                search.see(edge, level);
+            }
+            self.pins.until(due);
+            let now = self.edge(true)?;
+            edge += 1;
+            trace.level(now.after - fall.before, edge);
+            if let Some(rise) = rise {
+                trace.level(now.after - rise.before, edge);
+            }
+            if edge == 2 {
+                trace.reference_ns =
+                    u32::try_from(now.before.saturating_sub(first_fall.after)).ok();
+            }
+            first_rise.get_or_insert(now.before);
+            rise = Some(now);
+            due = due.max(now.before);
+            if edge >= search.end() {
+                self.last_bit(clocks, edge, now, due, &mut search, trace)?;
+                let run = now.before - first_rise.unwrap_or(now.before);
+                self.measured_ns = (edge > 1)
+                    .then(|| run / u64::from(edge - 1))
+                    .or(self.measured_ns);
+                return Ok(search);
+            }
+            due += length(2 * u32::from(edge) - 1);
+            self.pins.until(due);
+            fall = self.edge(false)?;
+            trace.level(fall.after - now.before, edge);
+            due = due.max(fall.before);
+        }
+    }
+
+    /// The last bit is read a full period after its edge. CDM = 1 takes MA low in between.
+    fn last_bit(
+        &mut self,
+        clocks: &Clocks,
+        edge: u16,
+        rise: Edge,
+        due: u64,
+        search: &mut Search,
+        trace: &mut Trace,
+    ) -> Result<(), Error> {
+        let cdm = clocks.cdm[usize::from(search.cds)];
+        if cdm {
+            self.pins.until(due + self.period_ns / 2);
+            self.edge(false)?;
+        }
+        self.pins.until(due + self.period_ns);
+        let level = self.pins.sl()?;
+        // The level lasts until it was read: a slave that timed out before has let SL go.
+        trace.level(self.pins.now_ns() - rise.before, edge);
+        trace.bits.push(level);
+        search.see(edge, level);
+        trace.cdm = Some(cdm);
+        Ok(())
+    }
+
+    /// Holds CDM = 1 until SL = 1, then releases MA. CDM = 0 leaves MA where it is.
+    fn control(
+        &mut self,
+        clocks: &Clocks,
+        search: &Search,
+        trace: &mut Trace,
+    ) -> Result<(), Error> {
+        self.stop_seen =
+            search.complete && trace.bits.get(trace.bits.len().wrapping_sub(1)) == Some(false);
+        if trace.cdm != Some(true) {
+            return Ok(());
+        }
+        let since = self.last_edge_ns;
+        while self.pins.now_ns() < since + u64::from(clocks.hold_ns) {
+            self.pins.until(self.pins.now_ns() + POLL_NS);
+            if self.stop_seen && self.pins.sl()? {
+                trace.ready_ns = u32::try_from(self.pins.now_ns() - since).ok();
+                break;
+            }
+        }
+        self.edge(true).map(drop)
+    }
+}
+
+/// Between two looks at SL while nothing else happens.
+const POLL_NS: u64 = 500;
+
+/// The call that made an edge, from before to after.
+#[derive(Clone, Copy)]
+struct Edge {
+    before: u64,
+    after: u64,
+}
+
+/// Follows SL while clocking, to know when the frame is over.
+struct Search {
+    until: Until,
+    ack: Option<u16>,
+    start: Option<u16>,
+    cds: bool,
+    complete: bool,
+}
+
+impl Search {
+    fn new(until: Until) -> Search {
+        Search {
+            until,
+            ack: None,
+            start: None,
+            cds: false,
+            complete: false,
+        }
+    }
+
+    /// SL after rising edge `edge`.
+    fn see(&mut self, edge: u16, level: bool) {
+        match (self.ack, self.start) {
+            (None, _) if edge > 1 && !level => self.ack = Some(edge),
+            (Some(_), None) if level => self.start = Some(edge),
+            (_, Some(start)) if edge == start + 1 => self.cds = level,
+            _ => {}
+        }
+        self.complete = matches!((self.until, self.start), (Until::Frame { then, .. }, Some(start)) if edge == start + then);
+    }
+
+    /// The last rising edge, as far as it is known now.
+    fn end(&self) -> u16 {
+        match (self.until, self.ack, self.start) {
+            (Until::Clocks(clocks), ..) => clocks,
+            (Until::Frame { then, .. }, _, Some(start)) => start + then,
+            (Until::Frame { start, .. }, Some(ack), None) => ack + start,
+            (Until::Frame { ack, .. }, None, None) => 2 + ack,
+        }
+    }
+}
+
+impl<P: Pins> Link for Bang<P> {
+    fn caps(&self) -> Caps {
+        Caps {
+            live: true,
+            reacts: true,
+            cdm: true,
+            sees_idle: true,
+            times_levels: true,
+            phases: false,
+            virtual_time: self.pins.virtual_time(),
+            burst: 1,
+        }
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.pins.now_ns()
+    }
+
+    fn clock(&self) -> Clock {
+        let hz = |period: u64| Hertz((1_000_000_000 / period.max(1)) as u32);
+        match self.measured_ns {
+            Some(period) => Clock {
+                hz: hz(period),
+                known: Known::Measured,
+            },
+            None => Clock {
+                hz: hz(self.period_ns),
+                known: Known::Asked,
+            },
+        }
+    }
+
+    fn set_clock(&mut self, hz: Hertz) -> Result<Clock, Error> {
+        let (set, get) = self.pins.cost_ns();
+        self.period_ns = hz.period_ns().max(2 * set + get).max(2);
+        self.measured_ns = None;
+        Ok(self.clock())
+    }
+
+    fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {
+        if !self.ma_high {
+            self.edge(true)?;
+        }
+        self.pins.until(self.pins.now_ns() + ns);
+        self.pins.sl().map(Some)
+    }
+
+    fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
+        for (ask, trace) in asks.iter().zip(out.iter_mut()) {
+            self.cycle(ask, trace)?;
+        }
+        Ok(asks.len().min(out.len()))
+    }
+}

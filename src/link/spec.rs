@@ -1,0 +1,388 @@
+//! `LINK` on the command line: `gpio:0,ma=17,slo=27`, `spi:0.0`, `sim:delay=3us`, `file:bench.vcd`.
+
+use super::Phase;
+use crate::format::Format;
+use crate::parse::ParseError;
+use crate::slave::Config;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// A link as it was asked for, checked as far as it can be without opening anything.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spec {
+    /// Which kind, with its own options.
+    pub kind: Kind,
+    /// The format behind `frame=`, which ends the options and takes the rest.
+    pub frame: Option<Format>,
+}
+
+/// The kinds of links.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// Two lines of a GPIO chip.
+    Gpio {
+        /// Number, name, label or path; without it a line's name finds its chip.
+        chip: Option<String>,
+        /// MA: offset or name.
+        ma: String,
+        /// SLO: offset or name.
+        slo: String,
+    },
+    /// SCLK is MA, MISO is SLO.
+    Spi {
+        /// `/dev/spidevB.C`.
+        path: PathBuf,
+        /// Where to sample; `None` finds out.
+        phase: Option<Phase>,
+        /// Bytes clocked on top of what a frame needs.
+        pad: u8,
+    },
+    /// The simulated slave.
+    Sim {
+        /// The encoder it plays.
+        config: Box<Config>,
+        /// Never sleeps, not even to keep an interval.
+        fast: bool,
+    },
+    /// A recording.
+    File {
+        /// Where it is; `-` is standard input.
+        path: PathBuf,
+        /// Name of MA in it.
+        ma: Option<String>,
+        /// Name of SLO in it.
+        slo: Option<String>,
+    },
+}
+
+const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
+                     sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]";
+
+/// One option: where it starts, and its text with `\,` already a comma.
+struct Item {
+    at: usize,
+    len: usize,
+    text: String,
+}
+
+impl Item {
+    fn pair(&self) -> Option<(&str, &str)> {
+        self.text.split_once('=')
+    }
+}
+
+/// Cuts at commas that have no backslash before them.
+fn items(text: &str, from: usize) -> Vec<Item> {
+    let mut items = Vec::new();
+    let mut current = Item {
+        at: from,
+        len: 0,
+        text: String::new(),
+    };
+    let mut escaped = false;
+    for (at, c) in text[from..].char_indices().map(|(at, c)| (from + at, c)) {
+        match c {
+            ',' if escaped => current.text.push(','),
+            ',' => {
+                let next = Item {
+                    at: at + 1,
+                    len: 0,
+                    text: String::new(),
+                };
+                items.push(std::mem::replace(&mut current, next));
+                continue;
+            }
+            _ if escaped => current.text.extend(['\\', c]),
+            '\\' => {}
+            _ => current.text.push(c),
+        }
+        escaped = c == '\\' && !escaped;
+        current.len = at + c.len_utf8() - current.at;
+    }
+    if escaped {
+        current.text.push('\\');
+    }
+    items.push(current);
+    items.retain(|item| item.len > 0);
+    items
+}
+
+impl FromStr for Spec {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Spec, ParseError> {
+        let (kind, from) = match text.split_once(':') {
+            Some((kind, _)) => (kind, kind.len() + 1),
+            None => (text, text.len()),
+        };
+        let (options, frame) = match frame_at(text, from) {
+            Some(at) => {
+                let format = text[at + 6..]
+                    .parse()
+                    .map_err(|e: ParseError| e.within(text, at + 6))?;
+                (&text[..at], Some(format))
+            }
+            None => (text, None),
+        };
+        let parser = Parser { text, kind };
+        let items = items(options, from.min(options.len()));
+        let kind = match kind {
+            "gpio" => parser.gpio(items)?,
+            "spi" => parser.spi(items)?,
+            "sim" => parser.sim(items)?,
+            "file" => parser.file(items)?,
+            _ => {
+                return Err(ParseError::new(
+                    text,
+                    0..kind.len(),
+                    format!("unknown link `{kind}`"),
+                    KINDS,
+                ));
+            }
+        };
+        Ok(Spec { kind, frame })
+    }
+}
+
+/// Where `frame=` stands as an option of its own.
+fn frame_at(text: &str, from: usize) -> Option<usize> {
+    text.match_indices("frame=").map(|(at, _)| at).find(|at| {
+        *at >= from && (*at == from || text[..*at].ends_with(',') && !text[..*at].ends_with("\\,"))
+    })
+}
+
+struct Parser<'a> {
+    text: &'a str,
+    kind: &'a str,
+}
+
+impl Parser<'_> {
+    fn wrong(&self, item: &Item, what: impl Into<String>) -> ParseError {
+        ParseError::new(self.text, item.at..item.at + item.len, what, KINDS)
+    }
+
+    fn unknown(&self, item: &Item, known: &str) -> ParseError {
+        let key = item.pair().map_or(item.text.as_str(), |(key, _)| key);
+        let what = format!("`{}` has no option `{key}`", self.kind);
+        ParseError::new(
+            self.text,
+            item.at..item.at + key.len().min(item.len),
+            what,
+            format!("known are {known} frame="),
+        )
+    }
+
+    fn missing(&self, what: &str) -> ParseError {
+        ParseError::new(
+            self.text,
+            self.text.len()..self.text.len(),
+            format!("`{}` needs {what}", self.kind),
+            KINDS,
+        )
+    }
+
+    fn gpio(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        let (mut chip, mut ma, mut slo) = (None, None, None);
+        for (index, item) in items.iter().enumerate() {
+            match item.pair() {
+                Some((_, "")) => return Err(self.wrong(item, "a line has a number or a name")),
+                Some(("ma", line)) => ma = Some(line.to_owned()),
+                Some(("slo", line)) => slo = Some(line.to_owned()),
+                None if index == 0 => chip = Some(item.text.clone()),
+                _ => return Err(self.unknown(item, "ma= slo=")),
+            }
+        }
+        let ma = ma.ok_or_else(|| self.missing("ma=LINE"))?;
+        let slo = slo.ok_or_else(|| self.missing("slo=LINE"))?;
+        let offset = |line: &str| line.parse::<u32>().is_ok();
+        if chip.is_none() && (offset(&ma) || offset(&slo)) {
+            return Err(self.missing("a chip when lines are numbers: gpio:0,ma=17,slo=27"));
+        }
+        if ma == slo {
+            return Err(self.missing("two different lines"));
+        }
+        Ok(Kind::Gpio { chip, ma, slo })
+    }
+
+    fn spi(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        let mut items = items.into_iter();
+        let device = items
+            .next()
+            .ok_or_else(|| self.missing("BUS.CS, such as spi:0.0"))?;
+        let numbers = device
+            .text
+            .split_once('.')
+            .is_some_and(|(bus, cs)| bus.parse::<u16>().is_ok() && cs.parse::<u16>().is_ok());
+        let path = match device.text.as_str() {
+            path if path.starts_with('/') => PathBuf::from(path),
+            name if numbers => PathBuf::from(format!("/dev/spidev{name}")),
+            name => return Err(self.wrong(&device, format!("`{name}` is not BUS.CS"))),
+        };
+        let (mut phase, mut pad) = (None, 0);
+        for item in items {
+            match item.pair() {
+                Some(("phase", "auto")) => phase = None,
+                Some(("phase", "2")) => phase = Some(Phase::Early),
+                Some(("phase", "3")) => phase = Some(Phase::Late),
+                Some(("phase", _)) => return Err(self.wrong(&item, "phase is auto, 2 or 3")),
+                Some(("pad", bytes)) => {
+                    pad = bytes
+                        .parse()
+                        .map_err(|_| self.wrong(&item, "pad is 0 to 255 bytes"))?;
+                }
+                _ => return Err(self.unknown(&item, "phase= pad=")),
+            }
+        }
+        Ok(Kind::Spi { path, phase, pad })
+    }
+
+    fn sim(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        let mut config = Config::default();
+        let mut fast = false;
+        for item in items {
+            match item.pair() {
+                None if item.text == "fast" => fast = true,
+                pair => {
+                    let (key, value) = pair.unwrap_or((&item.text, ""));
+                    let placed = |e: ParseError| {
+                        let value_at = if e.span().end <= value.len()
+                            && pair.is_some()
+                            && Config::knows(key)
+                        {
+                            key.len() + 1
+                        } else {
+                            0
+                        };
+                        e.within(self.text, item.at + value_at)
+                    };
+                    config.set(key, value).map_err(placed)?;
+                }
+            }
+        }
+        Ok(Kind::Sim {
+            config: Box::new(config),
+            fast,
+        })
+    }
+
+    fn file(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        let mut items = items.into_iter();
+        let path = items.next().ok_or_else(|| self.missing("a path"))?;
+        let (mut ma, mut slo) = (None, None);
+        for item in items {
+            match item.pair() {
+                Some(("ma", name)) => ma = Some(name.to_owned()),
+                Some(("slo", name)) => slo = Some(name.to_owned()),
+                _ => return Err(self.unknown(&item, "ma= slo=")),
+            }
+        }
+        Ok(Kind::File {
+            path: PathBuf::from(path.text),
+            ma,
+            slo,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spec(text: &str) -> Spec {
+        text.parse().unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    fn reads_every_kind() {
+        let gpio = Kind::Gpio {
+            chip: Some("0".into()),
+            ma: "17".into(),
+            slo: "27".into(),
+        };
+        assert_eq!(
+            spec("gpio:0,ma=17,slo=27"),
+            Spec {
+                kind: gpio,
+                frame: None
+            }
+        );
+        let gpio = Kind::Gpio {
+            chip: None,
+            ma: "GPIO17".into(),
+            slo: "a,b".into(),
+        };
+        assert_eq!(spec(r"gpio:ma=GPIO17,slo=a\,b").kind, gpio);
+        let spi = Kind::Spi {
+            path: "/dev/spidev0.1".into(),
+            phase: Some(Phase::Early),
+            pad: 3,
+        };
+        assert_eq!(spec("spi:0.1,phase=2,pad=3").kind, spi);
+        let spec_with_frame = spec("spi:0.0,frame=st26,nE,nW,crc6");
+        assert_eq!(
+            spec_with_frame.frame.map(|f| f.to_string()),
+            Some("st26,nE,nW,crc6".into())
+        );
+        let file = Kind::File {
+            path: r"a,b\c.vcd".into(),
+            ma: Some("clk".into()),
+            slo: None,
+        };
+        assert_eq!(spec(r"file:a\,b\c.vcd,ma=clk").kind, file);
+        assert!(matches!(spec("sim").kind, Kind::Sim { fast: false, .. }));
+        let Kind::Sim { config, fast } = spec("sim:fast,delay=3us,frame=st8,crc6").kind else {
+            panic!()
+        };
+        assert!(fast);
+        assert_eq!(config.delay.0, 3_000);
+    }
+
+    #[test]
+    fn errors_mark_the_place() {
+        for (text, place, words) in [
+            ("spy:0.0", 0..3, "unknown link `spy`"),
+            ("", 0..0, "unknown link"),
+            ("gpio:0,ma=17", 12..12, "slo=LINE"),
+            ("gpio:ma=17,slo=27", 17..17, "needs a chip"),
+            ("gpio:0,ma=17,slo=17", 19..19, "two different lines"),
+            ("gpio:0,ma=17,slo=27,pull=up", 20..24, "no option `pull`"),
+            ("gpio:0,ma=,slo=27", 7..10, "number or a name"),
+            ("spi:0", 4..5, "not BUS.CS"),
+            ("spi:0.0,phase=1", 8..15, "auto, 2 or 3"),
+            ("spi:0.0,pad=999", 8..15, "0 to 255"),
+            ("sim:dellay=3us", 4..10, "no `dellay`"),
+            ("sim:seed=1,delay=3", 17..18, "no unit"),
+            ("sim:slow", 4..8, "no `slow`"),
+            ("file:", 5..5, "needs a path"),
+            ("sim:frame=st26,sx", 15..17, "unknown field"),
+        ] {
+            let error = text.parse::<Spec>().unwrap_err();
+            assert_eq!(error.span(), place, "{error}");
+            assert!(error.to_string().contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn no_text_panics() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let parts = [
+            "gpio:", "spi:", "sim:", "file:", "ma=", "slo=", "0.0", ",", "\\", "=", "frame=",
+            "st26", "é", "delay=", "1us", "phase=",
+        ];
+        for _ in 0..20_000 {
+            let text: String = (0..rng.usize(0..9))
+                .map(|_| *rng.choice(&parts).unwrap())
+                .collect();
+            if let Err(error) = text.parse::<Spec>() {
+                assert!(
+                    text.get(error.span()).is_some(),
+                    "{text}: {:?}",
+                    error.span()
+                );
+                error.to_string();
+            }
+        }
+    }
+}

@@ -1,0 +1,360 @@
+//! The master: opens a link gently, runs one frame a slot, recovers, repeats where that can help, and lets no
+//! position through that has not passed every check there is.
+//!
+//! It knows no clock but the link's.
+
+use crate::frame::{Cycle, Fault};
+use crate::link::{Clock, Error, Link, Phase};
+use crate::protocol::{Ability, Protocol};
+use crate::trace::{Ask, Clocks, Trace, Until};
+use crate::track::{Tracker, Verdict};
+use crate::unit::Hertz;
+
+/// MA rests this long after power-up and after any fault (D2, p. 12).
+const REST_NS: u64 = 40_000;
+
+/// SL = 1 is awaited for timeout and line delay, 40 µs each (D2 Table 10).
+const SETTLE_NS: u64 = 80_000;
+
+/// Frames spent on learning where the start bit stands, and on a frame whose start bit stands elsewhere.
+const LEARNING_FRAMES: u32 = 8;
+
+/// Frames for each phase and clock when looking for the better sampling phase.
+const PHASE_FRAMES: u32 = 4;
+
+/// Retries of a stalled frame when the user has not said how many: the wire was fine, the machine was not.
+const STALL_RETRIES: u32 = 3;
+
+/// What a slot came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slot {
+    /// A cycle was run, so many times.
+    Done {
+        /// 1, and one more for each repetition.
+        tries: u32,
+    },
+    /// The recording is over.
+    Ended,
+}
+
+/// Runs frames of a protocol over a link.
+pub struct Master<'a> {
+    link: &'a mut dyn Link,
+    protocol: &'a dyn Protocol,
+    /// Repetitions of any fault; `None` repeats stalled frames only.
+    retries: Option<u32>,
+    tracker: Tracker,
+    trace: Trace,
+    cycle: Cycle,
+    widen: u8,
+    /// The line needs its rest, and a look, before the next cycle.
+    unsettled: bool,
+    faults_in_row: u32,
+    /// Look for a better phase after so many faults in a row.
+    patience: u32,
+    /// The clock to come back to after looking at another.
+    asked: Hertz,
+}
+
+impl<'a> Master<'a> {
+    /// A master that has not touched the line yet.
+    pub fn new(
+        link: &'a mut dyn Link,
+        protocol: &'a dyn Protocol,
+        retries: Option<u32>,
+    ) -> Master<'a> {
+        let tracker = if link.caps().live {
+            Tracker::default()
+        } else {
+            Tracker::trusting()
+        };
+        Master {
+            asked: link.clock().hz,
+            link,
+            protocol,
+            retries,
+            tracker,
+            trace: Trace::default(),
+            cycle: Cycle::default(),
+            widen: 0,
+            unsettled: true,
+            faults_in_row: 0,
+            patience: 3,
+        }
+    }
+
+    /// The link.
+    pub fn link(&self) -> &dyn Link {
+        self.link
+    }
+
+    /// The cycle of the last slot.
+    pub fn cycle(&self) -> &Cycle {
+        &self.cycle
+    }
+
+    /// What was seen of it.
+    pub fn trace(&self) -> &Trace {
+        &self.trace
+    }
+
+    /// Least and most clocks from edge 2 to the start bit, once the encoder has shown them.
+    pub fn learned(&self) -> Option<(u16, u16)> {
+        self.tracker.heads()
+    }
+
+    /// Rests MA, initialises a slave that is not ready, finds the sampling phase and learns where the start bit
+    /// stands. Whether an encoder has answered well: an absent one is no error here, it is a fault of every slot.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn open(&mut self) -> Result<bool, Error> {
+        if !self.link.caps().live {
+            return Ok(true);
+        }
+        if self.link.caps().phases {
+            self.choose_phase()?;
+        } else {
+            self.link.measure_clock()?;
+        }
+        self.learn()?;
+        Ok(self.learned().is_some())
+    }
+
+    /// Waits without clocking, for an encoder to appear.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn pause(&mut self, ns: u64) -> Result<(), Error> {
+        self.link.idle(ns).map(drop)
+    }
+
+    fn learn(&mut self) -> Result<(), Error> {
+        for _ in 0..LEARNING_FRAMES {
+            self.attempt(0)?;
+            self.judge();
+            if self.learned().is_some() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs one frame at `at_ns`, repeated while that can help and, where `end_ns` says so, the slot has room.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn slot(&mut self, at_ns: u64, end_ns: Option<u64>) -> Result<Slot, Error> {
+        let live = self.link.caps().live;
+        let (mut tries, mut retried, mut reread) = (0, 0, 0);
+        loop {
+            let began = self.link.now_ns();
+            if !self.attempt(at_ns)? {
+                return Ok(Slot::Ended);
+            }
+            tries += 1;
+            let doubt = self.judge();
+            let fault = self.fault();
+            let again = if doubt.is_some() {
+                reread += 1;
+                reread < LEARNING_FRAMES
+            } else if fault.is_some_and(|fault| self.more_room(fault)) {
+                true
+            } else {
+                retried += 1;
+                fault.is_some_and(|fault| retried <= self.retries_for(fault))
+            };
+            let now = self.link.now_ns();
+            let room = end_ns.is_none_or(|end| now + (now - began) + REST_NS <= end);
+            if !(live && again && room) {
+                if let Some(fault) = doubt {
+                    self.cycle.spoil(fault);
+                }
+                break;
+            }
+        }
+        self.count_faults()?;
+        Ok(Slot::Done { tries })
+    }
+
+    fn retries_for(&self, fault: Fault) -> u32 {
+        let stalled = matches!(fault, Fault::Stalled { .. });
+        self.retries
+            .unwrap_or(if stalled { STALL_RETRIES } else { 0 })
+    }
+
+    /// The fault of the cycle, or of its first bad word.
+    fn fault(&self) -> Option<Fault> {
+        let word = || self.cycle.words().iter().find_map(|word| word.fault());
+        self.cycle.fault().or_else(word)
+    }
+
+    fn ability(&self) -> Ability {
+        let caps = self.link.caps();
+        Ability {
+            reacts: caps.reacts,
+            period_ns: u32::try_from(self.link.clock().hz.period_ns()).unwrap_or(u32::MAX),
+            head: self.tracker.heads().map(|(_, most)| most),
+            delay_clk: self.tracker.delay_clk(),
+            widen: self.widen,
+        }
+    }
+
+    /// Runs and decodes one cycle. False at the end of a recording.
+    fn attempt(&mut self, at_ns: u64) -> Result<bool, Error> {
+        let caps = self.link.caps();
+        if caps.live && self.unsettled && !self.settle()? {
+            return Ok(true);
+        }
+        let clocks = self.protocol.request(&self.ability());
+        let ran = self.link.cycles(
+            &[Ask { at_ns, clocks }],
+            std::slice::from_mut(&mut self.trace),
+        )?;
+        self.protocol.decode(&self.trace, &mut self.cycle);
+        self.unsettled = !self.cycle.is_good();
+        Ok(ran == 1)
+    }
+
+    fn judge(&mut self) -> Option<Fault> {
+        match self.tracker.judge(self.protocol.format(), &mut self.cycle) {
+            Verdict::Stands => None,
+            Verdict::Doubtful(fault) => {
+                self.unsettled = true;
+                Some(fault)
+            }
+        }
+    }
+
+    /// The rest after a fault; where SL can be seen and stays 0, INIT, and only then is the slave not ready.
+    fn settle(&mut self) -> Result<bool, Error> {
+        let began = self.link.now_ns();
+        if self.link.idle(REST_NS)? != Some(false) {
+            return Ok(true);
+        }
+        if self.link.idle(SETTLE_NS - REST_NS)? != Some(false) {
+            return Ok(true);
+        }
+        // INIT: two low pulses on MA, which then stays high (D2, p. 12 Fig 22).
+        let clocks = Clocks {
+            until: Until::Clocks(2),
+            stretch_ns: 0,
+            cdm: [false; 2],
+            hold_ns: 0,
+            ready_ns: None,
+        };
+        let init = Ask { at_ns: 0, clocks };
+        self.link
+            .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
+        if self.link.idle(SETTLE_NS)? != Some(false) {
+            return Ok(true);
+        }
+        self.trace.reset();
+        self.trace.t_ns = self.link.now_ns();
+        self.trace.idle = Some(false);
+        self.trace.waited_ns = Some(self.trace.t_ns - began);
+        self.protocol.decode(&self.trace, &mut self.cycle);
+        Ok(false)
+    }
+
+    /// Whether the frame may only have been longer than the clocks planned for it; then there will be more.
+    fn more_room(&mut self, fault: Fault) -> bool {
+        let ability = self.ability();
+        let cut = matches!(
+            fault,
+            Fault::Short { .. } | Fault::NoAck { .. } | Fault::NoStart { .. }
+        );
+        if !cut || ability.reacts || !self.link.caps().live {
+            return false;
+        }
+        let wider = Ability {
+            widen: self.widen + 1,
+            ..ability
+        };
+        let grows = self.protocol.request(&wider).until != self.protocol.request(&ability).until;
+        self.widen += u8::from(grows);
+        grows
+    }
+
+    /// Three faults in a row may mean that the sampling phase is not right any more.
+    fn count_faults(&mut self) -> Result<(), Error> {
+        if self.fault().is_none() {
+            self.faults_in_row = 0;
+            self.patience = 3;
+            return Ok(());
+        }
+        self.faults_in_row += 1;
+        if self.faults_in_row >= self.patience && self.link.caps().phases {
+            self.faults_in_row = 0;
+            // A dead line stays dead: look more and more rarely.
+            self.patience = (self.patience * 2).min(1_000);
+            let (trace, cycle) = (self.trace.clone(), self.cycle.clone());
+            self.choose_phase()?;
+            self.learn()?;
+            (self.trace, self.cycle) = (trace, cycle);
+        }
+        Ok(())
+    }
+
+    /// Reads a few frames in both phases, at the clock and just below, and keeps the steadier one.
+    fn choose_phase(&mut self) -> Result<(), Error> {
+        let near = Hertz(self.asked.0 - self.asked.0 / 16);
+        let mut best = None;
+        for phase in [Phase::Late, Phase::Early] {
+            if !self.link.set_phase(phase)? {
+                return Ok(());
+            }
+            let mut steady = 0;
+            for clock in [near, self.asked] {
+                self.link.set_clock(clock)?;
+                steady += self.steady_frames()?;
+            }
+            if best.is_none_or(|(most, _)| steady > most) {
+                best = Some((steady, phase));
+            }
+            if steady == 2 * PHASE_FRAMES {
+                break;
+            }
+        }
+        if let Some((_, phase)) = best {
+            self.link.set_phase(phase)?;
+            self.link.set_clock(self.asked)?;
+            self.link.measure_clock()?;
+        }
+        self.tracker.forget_heads();
+        Ok(())
+    }
+
+    /// How many of a few frames are good and have their start bit within a clock of each other.
+    fn steady_frames(&mut self) -> Result<u32, Error> {
+        self.tracker.forget_heads();
+        let (mut good, mut tries, mut heads) = (0, 0, None::<(u16, u16)>);
+        while tries < PHASE_FRAMES {
+            self.attempt(0)?;
+            if self.fault().is_some_and(|fault| self.more_room(fault)) {
+                continue;
+            }
+            tries += 1;
+            if let (true, Some(head)) = (self.cycle.is_good(), self.cycle.head()) {
+                let (low, high) = heads.unwrap_or((head.clocks(), head.clocks()));
+                heads = Some((low.min(head.clocks()), high.max(head.clocks())));
+                good += 1;
+            }
+        }
+        let steady = heads.is_some_and(|(low, high)| high - low <= 1);
+        Ok(if steady { good } else { good / 2 })
+    }
+
+    /// The MA clock as it runs.
+    pub fn clock(&self) -> Clock {
+        self.link.clock()
+    }
+}
+
+impl std::fmt::Debug for Master<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Master")
+            .field("learned", &self.learned())
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,32 @@
+//! The second trait of the design: a request becomes a cycle, a trace becomes words.
+//!
+//! BiSS-C ([`crate::frame::BissC`]) is the first to implement it; links and commands know only this.
+
+use crate::format::Format;
+use crate::frame::Cycle;
+use crate::trace::{Clocks, Trace};
+
+/// What the link can do and what has been learned about the encoder, as far as it shapes the next cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ability {
+    /// The link sees SL while it clocks, so the number of clocks can depend on it.
+    pub reacts: bool,
+    /// MA period.
+    pub period_ns: u32,
+    /// Most clocks from edge 2 to the start edge seen so far.
+    pub head: Option<u16>,
+    /// Most whole clocks of line delay seen so far.
+    pub delay_clk: Option<u16>,
+    /// How often a frame did not fit into the clocks planned for it: each doubles the room.
+    pub widen: u8,
+}
+
+/// A protocol on MA and SLO.
+pub trait Protocol {
+    /// The fields of the words it decodes.
+    fn format(&self) -> &Format;
+    /// The cycle to run next.
+    fn request(&self, ability: &Ability) -> Clocks;
+    /// Whatever the wire said, as words or named faults. Never panics.
+    fn decode(&self, trace: &Trace, cycle: &mut Cycle);
+}

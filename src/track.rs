@@ -1,0 +1,282 @@
+//! What one frame cannot tell and a row of them can: where the start bit may stand, and whether the
+//! sign-of-life counter counts.
+
+use crate::format::{Format, Kind, MAX_CHANNELS};
+use crate::frame::{Cycle, Fault};
+
+/// What to do with a cycle that was judged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It stands as it is, good or not.
+    Stands,
+    /// Nothing is wrong with it but where its start bit stands: read again before it counts.
+    Doubtful(Fault),
+}
+
+/// Learned from frame to frame, in the order they came.
+#[derive(Clone, Debug, Default)]
+pub struct Tracker {
+    heads: Heads,
+    delay_clk: Option<u16>,
+    life: [Option<Life>; MAX_CHANNELS],
+}
+
+impl Tracker {
+    /// A recording cannot be read again, so its first good frame teaches where the start bit stands.
+    pub fn trusting() -> Tracker {
+        Tracker {
+            heads: Heads {
+                trusting: true,
+                ..Heads::default()
+            },
+            ..Tracker::default()
+        }
+    }
+
+    /// Judges a decoded cycle and learns from it. Words whose sign of life is wrong become faults.
+    pub fn judge(&mut self, format: &Format, cycle: &mut Cycle) -> Verdict {
+        self.check_life(format, cycle);
+        let (Some(head), true) = (cycle.head(), cycle.fault().is_none()) else {
+            return Verdict::Stands;
+        };
+        if !cycle.is_good() {
+            // A wrong window fails its CRC nearly always; there is nothing to learn from it.
+            return Verdict::Stands;
+        }
+        let clocks = head.clocks();
+        if self.heads.learn(clocks) {
+            self.delay_clk = self.delay_clk.max(Some(head.delay_clk));
+            return Verdict::Stands;
+        }
+        let (low, high) = self.heads.range.unwrap_or((clocks, clocks));
+        Verdict::Doubtful(Fault::Mismatch {
+            head: clocks,
+            low,
+            high,
+        })
+    }
+
+    /// Least and most clocks from edge 2 to the start edge that are trusted.
+    pub fn heads(&self) -> Option<(u16, u16)> {
+        self.heads.range
+    }
+
+    /// Most whole clocks of line delay seen.
+    pub fn delay_clk(&self) -> Option<u16> {
+        self.delay_clk
+    }
+
+    /// Forgets where the start bit stands, after the sampling phase or the clock has changed.
+    pub fn forget_heads(&mut self) {
+        self.heads = Heads {
+            trusting: self.heads.trusting,
+            ..Heads::default()
+        };
+        self.delay_clk = None;
+    }
+
+    fn check_life(&mut self, format: &Format, cycle: &mut Cycle) {
+        if cycle.fault().is_some() {
+            // The slave may have latched once, twice or never.
+            self.life = [None; MAX_CHANNELS];
+            return;
+        }
+        for ((life, channel), word) in self
+            .life
+            .iter_mut()
+            .zip(format.channels())
+            .zip(cycle.words_mut())
+        {
+            let Some(field) = channel.find(|k| *k == Kind::Life) else {
+                continue;
+            };
+            let Some(data) = word.good() else {
+                if let Some(life) = life {
+                    life.missed += 1;
+                }
+                continue;
+            };
+            let (got, wrap) = (field.get(data), u64::MAX >> (64 - u32::from(field.bits())));
+            if let Some(want) = life.and_then(|l| l.mismatch(got, wrap)) {
+                word.spoil(Fault::Life { got, want });
+            }
+            *life = Some(Life {
+                last: got,
+                missed: 0,
+            });
+        }
+    }
+}
+
+/// The sign-of-life counter of one channel.
+#[derive(Clone, Copy, Debug)]
+struct Life {
+    last: u64,
+    missed: u64,
+}
+
+impl Life {
+    /// What was expected, if not `got`. Devices wrap to 0 or, like iC-MHM, skip it (SAF; MHM datasheet).
+    fn mismatch(&self, got: u64, wrap: u64) -> Option<u64> {
+        let want = (self.last + 1 + self.missed) & wrap;
+        let skipping = want < self.last && got == want + 1;
+        (got != want && !skipping).then_some(want)
+    }
+}
+
+/// How many clocks after edge 2 the start bit may stand.
+///
+/// A length counts once it has been seen twice, or lies between two that have: an encoder's busy time wanders,
+/// a flipped bit does not come back at the same place with a good CRC.
+#[derive(Clone, Copy, Debug, Default)]
+struct Heads {
+    range: Option<(u16, u16)>,
+    /// Seen once: below and above the range, or anywhere before there is one.
+    below: Option<u16>,
+    above: Option<u16>,
+    trusting: bool,
+}
+
+impl Heads {
+    /// Whether a good frame of this length counts.
+    fn learn(&mut self, clocks: u16) -> bool {
+        let Some((low, high)) = self.range else {
+            let known = self.below.replace(clocks);
+            let agrees = known.is_some_and(|known| known.abs_diff(clocks) <= 1);
+            if agrees || self.trusting {
+                let known = known.unwrap_or(clocks);
+                self.range = Some((known.min(clocks), known.max(clocks)));
+                self.below = None;
+            }
+            return self.range.is_some();
+        };
+        if clocks < low {
+            match self.below.replace(clocks) {
+                Some(seen) => self.range = Some((seen.max(clocks), high)),
+                None => return false,
+            }
+        } else if clocks > high {
+            match self.above.replace(clocks) {
+                Some(seen) => self.range = Some((low, seen.min(clocks))),
+                None => return false,
+            }
+        }
+        self.range
+            .is_some_and(|(low, high)| (low..=high).contains(&clocks))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{BissC, Head, emit};
+    use crate::protocol::Protocol;
+    use crate::trace::Trace;
+
+    fn cycle(format: &str, ack: u16, data: &[u64], flip: Option<usize>) -> (Format, Cycle) {
+        let format: Format = format.parse().unwrap();
+        let mut trace = Trace::default();
+        let head = Head {
+            delay_clk: 0,
+            ack,
+            cds: false,
+        };
+        emit(&format, head, data, &mut trace.bits);
+        if let Some(at) = flip {
+            let flipped: Vec<bool> = trace
+                .bits
+                .iter()
+                .enumerate()
+                .map(|(i, b)| b ^ (i == at))
+                .collect();
+            trace.bits.clear();
+            trace.bits.extend(flipped);
+        }
+        let mut cycle = Cycle::default();
+        BissC::new(format.clone()).decode(&trace, &mut cycle);
+        (format, cycle)
+    }
+
+    fn run(tracker: &mut Tracker, acks: &[u16]) -> String {
+        acks.iter()
+            .map(|ack| {
+                let (format, mut cycle) = cycle("st8,crc6", *ack, &[1], None);
+                match tracker.judge(&format, &mut cycle) {
+                    Verdict::Stands => '+',
+                    Verdict::Doubtful(_) => '-',
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_first_frame_needs_a_second_that_agrees() {
+        assert_eq!(run(&mut Tracker::default(), &[3, 3, 3]), "-++");
+        assert_eq!(run(&mut Tracker::default(), &[3, 9, 3, 3]), "---+");
+        assert_eq!(run(&mut Tracker::trusting(), &[3, 3, 7, 3]), "++-+");
+    }
+
+    #[test]
+    fn a_length_that_comes_back_is_learned_and_a_single_one_is_not() {
+        assert_eq!(
+            run(&mut Tracker::default(), &[3, 3, 6, 3, 6, 5, 4]),
+            "-+-++++"
+        );
+        let mut tracker = Tracker::default();
+        assert_eq!(run(&mut tracker, &[5, 5, 2, 5, 9, 5]), "-+-+-+");
+        assert_eq!(tracker.heads(), Some((5, 5)));
+        assert_eq!(run(&mut tracker, &[3, 8, 2, 9]), "++--");
+        assert_eq!(tracker.heads(), Some((3, 8)));
+    }
+
+    #[test]
+    fn a_spoiled_frame_teaches_nothing() {
+        let mut tracker = Tracker::default();
+        run(&mut tracker, &[3, 3]);
+        let (format, mut wrong) = cycle("st8,crc6", 9, &[1], Some(14));
+        assert!(!wrong.is_good());
+        assert_eq!(tracker.judge(&format, &mut wrong), Verdict::Stands);
+        assert_eq!(run(&mut tracker, &[9, 3]), "-+");
+    }
+
+    #[test]
+    fn sign_of_life() {
+        let mut tracker = Tracker::trusting();
+        let mut verdicts = |values: &[u64]| -> Vec<Option<Fault>> {
+            values
+                .iter()
+                .map(|lc| {
+                    let (format, mut cycle) =
+                        cycle("st8,nE,nW,lc6,crc16", 1, &[1 << 8 | 0b11 << 6 | lc], None);
+                    tracker.judge(&format, &mut cycle);
+                    cycle.words()[0].fault()
+                })
+                .collect()
+        };
+        assert_eq!(verdicts(&[61, 62, 63, 0, 1]), [None; 5]);
+        assert_eq!(verdicts(&[2, 3]), [None; 2]);
+        assert_eq!(
+            verdicts(&[3, 4, 5]),
+            [Some(Fault::Life { got: 3, want: 4 }), None, None]
+        );
+        assert_eq!(
+            verdicts(&[63, 1, 2]),
+            [Some(Fault::Life { got: 63, want: 6 }), None, None],
+            "63 to 1 is a wrap too"
+        );
+        assert_eq!(verdicts(&[4]), [Some(Fault::Life { got: 4, want: 3 })]);
+    }
+
+    #[test]
+    fn sign_of_life_counts_over_spoiled_words() {
+        let mut tracker = Tracker::trusting();
+        let mut judge = |lc: u64, flip: Option<usize>| {
+            let (format, mut cycle) = cycle("st8,lc6,crc16", 1, &[1 << 6 | lc], flip);
+            tracker.judge(&format, &mut cycle);
+            cycle.words().first().and_then(|w| w.fault())
+        };
+        assert_eq!(judge(7, None), None);
+        assert!(matches!(judge(8, Some(6)), Some(Fault::Crc { .. })));
+        assert_eq!(judge(9, None), None);
+    }
+}
