@@ -1,2 +1,51 @@
-//! The binary.
-fn main() {}
+//! `biss`: BiSS-C encoders on plain Linux pins.
+
+mod cli;
+mod cmd;
+mod output;
+mod sys;
+
+use clap::parser::ValueSource;
+use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use cmd::Outcome;
+use std::process::ExitCode;
+
+/// Usage or machine.
+const FAILED: u8 = 2;
+
+fn main() -> ExitCode {
+    match cli::Cli::command().try_get_matches() {
+        Ok(matches) => run(&matches),
+        Err(error) if error.use_stderr() => {
+            let text = error.render().to_string();
+            output::note(text.trim_start_matches("error: ").trim_end());
+            ExitCode::from(FAILED)
+        }
+        // Help and version, on stdout.
+        Err(error) => error.exit(),
+    }
+}
+
+fn run(matches: &ArgMatches) -> ExitCode {
+    let cli = cli::Cli::from_arg_matches(matches).unwrap_or_else(|error| error.exit());
+    let frame_given = matches.subcommand().is_some_and(|(_, matches)| {
+        matches.value_source("frame") == Some(ValueSource::CommandLine)
+    });
+    let result = match cli.command {
+        cli::Command::Read(args) => cmd::read::run(args, frame_given),
+    };
+    match result {
+        Ok(ended) => {
+            // By now every link is closed and MA is high.
+            ended.signal.into_iter().for_each(sys::die_by);
+            match ended.outcome {
+                Outcome::Good => ExitCode::SUCCESS,
+                Outcome::Bad => ExitCode::from(1),
+            }
+        }
+        Err(error) => {
+            output::note(format_args!("{error:#}"));
+            ExitCode::from(FAILED)
+        }
+    }
+}

@@ -13,9 +13,6 @@ use crate::unit::Hertz;
 /// MA rests this long after power-up and after any fault (D2, p. 12).
 const REST_NS: u64 = 40_000;
 
-/// SL = 1 is awaited for timeout and line delay, 40 µs each (D2 Table 10).
-const SETTLE_NS: u64 = 80_000;
-
 /// Frames spent on learning where the start bit stands, and on a frame whose start bit stands elsewhere.
 const LEARNING_FRAMES: u32 = 8;
 
@@ -229,10 +226,15 @@ impl<'a> Master<'a> {
     /// The rest after a fault; where SL can be seen and stays 0, INIT, and only then is the slave not ready.
     fn settle(&mut self) -> Result<bool, Error> {
         let began = self.link.now_ns();
-        if self.link.idle(REST_NS)? != Some(false) {
-            return Ok(true);
-        }
-        if self.link.idle(SETTLE_NS - REST_NS)? != Some(false) {
+        let ready = self
+            .protocol
+            .request(&self.ability())
+            .ready_ns
+            .map_or(REST_NS, u64::from)
+            .max(REST_NS);
+        if self.link.idle(REST_NS)? != Some(false)
+            || self.link.idle(ready - REST_NS)? != Some(false)
+        {
             return Ok(true);
         }
         // INIT: two low pulses on MA, which then stays high (D2, p. 12 Fig 22).
@@ -246,7 +248,7 @@ impl<'a> Master<'a> {
         let init = Ask { at_ns: 0, clocks };
         self.link
             .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
-        if self.link.idle(SETTLE_NS)? != Some(false) {
+        if self.link.idle(ready)? != Some(false) {
             return Ok(true);
         }
         self.trace.reset();

@@ -241,7 +241,10 @@ impl Config {
                     _ => return Err(wrong("any|rising")),
                 }
             }
-            "busy" => self.busy = span(value)?,
+            "busy" => {
+                let (from, to) = Nanos::range(value)?;
+                self.busy = from..=to.unwrap_or(from);
+            }
             "ack" => {
                 self.ack = value
                     .parse()
@@ -291,27 +294,6 @@ fn level(value: &str) -> Option<bool> {
         "1" => Some(true),
         _ => None,
     }
-}
-
-/// `2us` or `2us..4us`.
-fn span(value: &str) -> Result<RangeInclusive<Nanos>, ParseError> {
-    let Some((low, high)) = value.split_once("..") else {
-        let both: Nanos = value.parse()?;
-        return Ok(both..=both);
-    };
-    let from: Nanos = low.parse().map_err(|e: ParseError| e.within(value, 0))?;
-    let to: Nanos = high
-        .parse()
-        .map_err(|e: ParseError| e.within(value, low.len() + 2))?;
-    if from > to {
-        return Err(ParseError::new(
-            value,
-            0..value.len(),
-            format!("`{value}` ends before it begins"),
-            "write the shorter time first",
-        ));
-    }
-    Ok(from..=to)
 }
 
 /// A small deterministic generator (SplitMix64), ours so that a seed means the same for ever.

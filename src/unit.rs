@@ -22,6 +22,32 @@ impl Hertz {
     }
 }
 
+impl Nanos {
+    /// `12us` or `12us..40us`, the second time not before the first.
+    ///
+    /// # Errors
+    /// What is wrong with either time, or with their order.
+    pub fn range(text: &str) -> Result<(Nanos, Option<Nanos>), ParseError> {
+        let Some((low, high)) = text.split_once("..") else {
+            return Ok((text.parse()?, None));
+        };
+        let from: Nanos = low.parse().map_err(|e: ParseError| e.within(text, 0))?;
+        let to: Nanos = high
+            .parse()
+            .map_err(|e: ParseError| e.within(text, low.len() + 2))?;
+        if from > to {
+            let what = format!("`{text}` ends before it begins");
+            return Err(ParseError::new(
+                text,
+                0..text.len(),
+                what,
+                "write the shorter time first",
+            ));
+        }
+        Ok((from, Some(to)))
+    }
+}
+
 const HERTZ: [(&str, u64); 3] = [("Hz", 1), ("kHz", 1_000), ("MHz", 1_000_000)];
 const NANOS: [(&str, u64); 6] = [
     ("ns", 1),

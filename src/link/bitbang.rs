@@ -125,9 +125,17 @@ impl<P: Pins> Bang<P> {
 
     /// All edges of the frame, and the levels between them.
     fn clock_out(&mut self, clocks: &Clocks, trace: &mut Trace) -> Result<Search, Error> {
-        let half = self.period_ns / 2;
-        let head = half.max(u64::from(clocks.stretch_ns) / 3);
-        let length = |index: u32| if index < 3 { head } else { half };
+        // Levels 0, 2, 4 … are low, the others high; together they make the period exactly.
+        let (low, high) = (self.period_ns / 2, self.period_ns.div_ceil(2));
+        let stretched = u64::from(clocks.stretch_ns) / 3;
+        let length = |index: u32| {
+            let usual = if index % 2 == 0 { low } else { high };
+            if index < 3 {
+                usual.max(stretched)
+            } else {
+                usual
+            }
+        };
         let (_, read_ns) = self.pins.cost_ns();
         let mut search = Search::new(clocks.until);
         let mut due = self.pins.now_ns();

@@ -219,7 +219,8 @@ fn request(
     let doing = format!("requesting {} as {consumer}", place.name);
     let (line, chip) = (&place.line, place.line.chip());
     let info = line.info().map_err(|e| no_v1(&chip, &e))?;
-    if info.is_used() {
+    // Not `is_used`, which holds for every output: what gpio-cdev calls KERNEL is the flag for lines in use.
+    if info.is_kernel() {
         let consumer = info.consumer().unwrap_or("the kernel");
         return Err(Error::new(
             doing,

@@ -1,0 +1,181 @@
+//! The command line as clap sees it. `cmd` turns it into checked values.
+
+use biss::frame::Stall;
+use biss::link::Spec;
+use biss::unit::{Hertz, Nanos};
+use biss::{Format, ParseError};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::str::FromStr;
+
+/// Read BiSS-C encoders on plain Linux pins.
+#[derive(Debug, Parser)]
+#[command(name = "biss", version, max_term_width = 100, after_help = EXAMPLES)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  biss read sim                                                a simulated encoder, no hardware
+  biss read spi:0.0 -f st26,nE,nW,crc6 -c 2MHz                 SCLK is MA, MISO is SLO
+  biss read gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 0 -i 1ms  two GPIO lines, every millisecond
+  biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording";
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Read frames and print them, one record a line
+    #[command(after_help = READ_HELP)]
+    Read(Read),
+}
+
+const READ_HELP: &str = "\
+Links:
+  gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines; CHIP is a number, name, label or path
+  spi:BUS.CS[,phase=auto|2|3][,pad=N]    spidev: SCLK is MA, MISO is SLO
+  sim[:KEY=VAL,…]                        simulated encoder; a wrong KEY lists them all
+  file:PATH[,ma=NAME][,slo=NAME]         VCD recording, - for standard input
+  An option frame=FORMAT ends the options and takes the rest.
+
+Frame format, in wire order after CDS, channels joined by +:
+  mtN stN posN padN dataN[=NAME] lcN  nE nW (active low)  E W  crcN[:POLY[:init=X][:plain]]
+
+Exit status: 0 every frame asked for was good and without error bit; 1 the wire answered badly or not at
+all; 2 usage or machine.";
+
+#[derive(Debug, Args)]
+pub(crate) struct Read {
+    /// Where the encoder is
+    #[arg(env = "BISS_LINK", hide_env_values = true)]
+    pub(crate) link: Spec,
+
+    /// Frame format, such as mt12,st20,nE,nW,crc6
+    #[arg(
+        short,
+        long,
+        value_name = "FORMAT",
+        env = "BISS_FRAME",
+        hide_env_values = true
+    )]
+    pub(crate) frame: Option<Format>,
+
+    /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
+    #[arg(short, long, value_name = "FREQ")]
+    pub(crate) clock: Option<Hertz>,
+
+    /// Number of frames, 0 for no end [default: 1, all of a recording]
+    #[arg(short = 'n', long, value_name = "N")]
+    pub(crate) count: Option<u64>,
+
+    /// From start to start; missed slots are skipped and counted [default: back to back]
+    #[arg(short, long, value_name = "TIME")]
+    pub(crate) interval: Option<Nanos>,
+
+    /// How records look
+    #[arg(short = 'o', long, value_enum, default_value_t = OutputFormat::Text)]
+    pub(crate) format: OutputFormat,
+
+    /// Time stamps
+    #[arg(short, long, value_enum, default_value_t = TimeStyle::Zero)]
+    pub(crate) time: TimeStyle,
+
+    /// The slave's timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]
+    #[arg(long, value_name = "MIN[..MAX]|adaptive")]
+    pub(crate) timeout: Option<Timeout>,
+
+    /// How long Ack is searched, eight clocks at least
+    #[arg(long, value_name = "TIME", default_value = "40us")]
+    pub(crate) ack_limit: Nanos,
+
+    /// How long the start bit is searched, eight clocks at least
+    #[arg(long, value_name = "TIME", default_value = "40us")]
+    pub(crate) busy_limit: Nanos,
+
+    /// Repetitions of a bad frame per slot [default: 3 for stalled, else 0]
+    #[arg(long, value_name = "N")]
+    pub(crate) retries: Option<u32>,
+
+    /// How long to wait for a first good frame
+    #[arg(long, value_name = "TIME", default_value = "0s")]
+    pub(crate) wait: Nanos,
+
+    /// Real-time priority (SCHED_FIFO), memory locked
+    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
+    pub(crate) rt: Option<u8>,
+
+    /// Run on this processor only
+    #[arg(long, value_name = "N")]
+    pub(crate) cpu: Option<usize>,
+
+    /// No summary and no notes on stderr
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+
+    /// Say how the link runs; add bits to records
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+
+    /// Colours in text output
+    #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
+    pub(crate) color: ColorWhen,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum OutputFormat {
+    /// For people
+    Text,
+    /// JSON Lines
+    Json,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TimeStyle {
+    /// Since the first frame
+    Zero,
+    /// Since the frame before
+    Delta,
+    /// Since 1970
+    Unix,
+    /// None
+    None,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ColorWhen {
+    /// On a terminal, unless NO_COLOR is set
+    Auto,
+    /// Always
+    Always,
+    /// Never
+    Never,
+}
+
+/// `--timeout`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Timeout {
+    pub(crate) stall: Stall,
+    pub(crate) max: Nanos,
+}
+
+/// Longest static timeout (D2 Table 10).
+const TIMEOUT_MAX: Nanos = Nanos(40_000);
+
+impl FromStr for Timeout {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Timeout, ParseError> {
+        if text == "adaptive" {
+            return Ok(Timeout {
+                stall: Stall::Adaptive,
+                max: TIMEOUT_MAX,
+            });
+        }
+        let (min, max) = Nanos::range(text)?;
+        let max = max.unwrap_or(min.max(TIMEOUT_MAX));
+        let min_ns = u32::try_from(min.0).unwrap_or(u32::MAX);
+        Ok(Timeout {
+            stall: Stall::Static { min_ns },
+            max,
+        })
+    }
+}

@@ -1,0 +1,287 @@
+//! `biss read`: frames, one after the other or one a slot.
+
+use super::{Ended, Outcome};
+use crate::cli;
+use crate::output::{Printer, Shot, Summary, note};
+use crate::sys::{self, Signals};
+use anyhow::{Context, Result, bail};
+use biss::Format;
+use biss::frame::{BissC, Stall};
+use biss::link::{self, Kind, Link};
+use biss::master::{Master, Slot};
+use biss::unit::{Hertz, Nanos};
+use std::io;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// The slowest clock of the specification (D2 Table 10).
+const SLOWEST: Hertz = Hertz(80_000);
+
+/// `-c` where nothing else is said, on links that do it.
+const USUAL_CLOCK: Hertz = Hertz(1_000_000);
+
+pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
+    let format = choose_format(&args, frame_given)?;
+    check(&args)?;
+    if let Some(cpu) = args.cpu {
+        sys::pin_to_cpu(cpu).with_context(|| format!("running on processor {cpu} only"))?;
+    }
+    if let Some(priority) = args.rt {
+        sys::real_time(priority).with_context(|| {
+            format!(
+                "asking for real-time priority {priority}\n  run as root, or allow it: `ulimit -r {priority}` and `ulimit -l unlimited`"
+            )
+        })?;
+    }
+    let signals = Signals::catch().context("catching signals")?;
+    let mut link = open(&args, &format)?;
+    let protocol = protocol(&args, format);
+    Run {
+        args: &args,
+        protocol: &protocol,
+        signals,
+    }
+    .all(link.as_mut())
+}
+
+/// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
+fn choose_format(args: &cli::Read, given: bool) -> Result<Format> {
+    let flag = args.frame.clone().filter(|_| given);
+    let chosen = flag
+        .or_else(|| args.link.frame.clone())
+        .or_else(|| args.frame.clone());
+    if let Some(format) = chosen {
+        return Ok(format);
+    }
+    match &args.link.kind {
+        Kind::Sim { config, .. } => Ok(config.format.clone()),
+        _ => bail!(
+            "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
+             its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields"
+        ),
+    }
+}
+
+/// What has no meaning on a recording is a mistake, not something to be ignored.
+fn check(args: &cli::Read) -> Result<()> {
+    if args.interval == Some(Nanos(0)) {
+        bail!("--interval 0 is no interval\n  leave it away to read back to back");
+    }
+    if !matches!(args.link.kind, Kind::File { .. }) {
+        return Ok(());
+    }
+    let live_only = [
+        ("--clock", args.clock.is_some()),
+        ("--interval", args.interval.is_some()),
+        ("--retries", args.retries.is_some()),
+        ("--wait", args.wait.0 > 0),
+        ("--time unix", args.time == cli::TimeStyle::Unix),
+    ];
+    match live_only.iter().find(|(_, set)| *set) {
+        Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it away"),
+        None => Ok(()),
+    }
+}
+
+fn open(args: &cli::Read, format: &Format) -> Result<Box<dyn Link>> {
+    Ok(match &args.link.kind {
+        Kind::Gpio { chip, ma, slo } => {
+            let mut link = link::gpio::open(chip.as_deref(), ma, slo)?;
+            if let Some(clock) = args.clock {
+                link.set_clock(clock)?;
+            }
+            Box::new(link)
+        }
+        Kind::Spi { path, phase, pad } => {
+            Box::new(link::spi::open(path, *phase, *pad, args.clock)?)
+        }
+        Kind::Sim { config, .. } => {
+            let mut config = (**config).clone();
+            // The slave sends what its link says, else what is asked for.
+            config.format = args.link.frame.clone().unwrap_or_else(|| format.clone());
+            let mut link = link::sim::open(config);
+            link.set_clock(args.clock.unwrap_or(USUAL_CLOCK))?;
+            Box::new(link)
+        }
+        Kind::File { path, ma, slo } => {
+            Box::new(link::file::open(path, ma.as_deref(), slo.as_deref())?)
+        }
+    })
+}
+
+fn protocol(args: &cli::Read, format: Format) -> BissC {
+    let ns = |time: Nanos| u32::try_from(time.0).unwrap_or(u32::MAX);
+    let mut protocol = BissC::new(format);
+    protocol.ack_limit_ns = ns(args.ack_limit);
+    protocol.busy_limit_ns = ns(args.busy_limit);
+    if let Some(timeout) = args.timeout {
+        protocol.stall = timeout.stall;
+        protocol.timeout_max_ns = ns(timeout.max);
+    }
+    protocol
+}
+
+/// From opening a link to the first slot of an interval.
+const FIRST_SLOT_NS: u64 = 200_000;
+
+struct Run<'a> {
+    args: &'a cli::Read,
+    protocol: &'a BissC,
+    signals: Signals,
+}
+
+impl Run<'_> {
+    fn all(mut self, link: &mut dyn Link) -> Result<Ended> {
+        let live = link.caps().live;
+        let mut master = Master::new(link, self.protocol, self.args.retries);
+        self.open(&mut master)?;
+        let unix_us = unix_us() - i128::from(master.link().now_ns()) / 1000;
+        let args = self.args;
+        let mut printer = Printer::new(args.format, args.time, args.color, args.verbose, unix_us);
+        let mut summary = Summary::default();
+        let count = args.count.unwrap_or(u64::from(live));
+        let result = self.frames(&mut master, &mut printer, &mut summary, count);
+        let result = result.and_then(|()| Ok(printer.flush()?));
+        let signal = self.signals.caught();
+        if !args.quiet && (summary.cycles != 1 || args.verbose) {
+            summary.print(args.format);
+        }
+        match result {
+            // Whoever reads has enough; what was delivered counts.
+            Err(error) if is_broken_pipe(&error) => {}
+            other => other?,
+        }
+        let complete = count == 0 || summary.cycles >= count || signal.is_none() && !live;
+        let good =
+            summary.cycles > 0 && summary.good == summary.cycles && summary.error == 0 && complete;
+        let outcome = if good { Outcome::Good } else { Outcome::Bad };
+        Ok(Ended { outcome, signal })
+    }
+
+    /// Learns the encoder, waits for one when asked to, and says how the link runs.
+    fn open(&mut self, master: &mut Master) -> Result<()> {
+        const BETWEEN_TRIES_NS: u64 = 10_000_000;
+        let patience = master.link().now_ns() + self.args.wait.0;
+        while !master.open()?
+            && master.link().now_ns() < patience
+            && self.signals.caught().is_none()
+        {
+            master.pause(BETWEEN_TRIES_NS)?;
+        }
+        if self.args.quiet || !master.link().caps().live {
+            return Ok(());
+        }
+        let clock = master.clock();
+        if clock.hz < SLOWEST {
+            note(format_args!(
+                "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
+            ));
+        }
+        if self.args.verbose {
+            note(format_args!("clock {clock}"));
+            if let Some((low, high)) = master.learned() {
+                note(format_args!(
+                    "start bit {low} to {high} clocks after edge 2"
+                ));
+            }
+            master.link().notes().iter().for_each(note);
+            if self.protocol.stall == Stall::Unknown && master.link().caps().times_levels {
+                note(
+                    "timeout of the encoder not known, MA levels are held to 12 us, two clocks and its adaptive reference",
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn frames(
+        &mut self,
+        master: &mut Master,
+        printer: &mut Printer,
+        summary: &mut Summary,
+        count: u64,
+    ) -> Result<()> {
+        let caps = master.link().caps();
+        // The slave still has the timeout of the last frame before it.
+        let start = master.link().now_ns() + FIRST_SLOT_NS;
+        let wall = Instant::now();
+        let mut seq = 0u64;
+        while (count == 0 || summary.cycles < count) && self.signals.caught().is_none() {
+            let (mut at_ns, mut end_ns) = (0, None);
+            if let Some(Nanos(interval)) = self.args.interval {
+                let now = master.link().now_ns();
+                let due = now.saturating_sub(start).div_ceil(interval);
+                if summary.cycles > 0 && due > seq {
+                    summary.skipped += due - seq;
+                }
+                seq = due.max(seq);
+                at_ns = start + seq * interval;
+                end_ns = Some(at_ns + interval);
+                printer.flush()?;
+                let wait = if caps.virtual_time {
+                    self.behind(wall, at_ns - start)
+                } else {
+                    at_ns - now.min(at_ns)
+                };
+                self.pace(wait, caps.virtual_time);
+                if self.signals.caught().is_some() {
+                    break;
+                }
+            }
+            let tries = match master.slot(at_ns, end_ns)? {
+                Slot::Done { tries } => tries,
+                Slot::Ended => break,
+            };
+            let shot = Shot {
+                format: &self.protocol.format,
+                cycle: master.cycle(),
+                trace: master.trace(),
+                t_ns: master.trace().t_ns,
+                seq,
+                tries: caps.live.then_some(tries),
+            };
+            summary.count(&shot);
+            let first = summary.span_ns.map_or(shot.t_ns, |(first, _)| first);
+            summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
+            printer.shot(&shot)?;
+            seq += 1;
+        }
+        Ok(())
+    }
+
+    /// How far real time is behind a virtual time.
+    fn behind(&self, wall: Instant, virtual_ns: u64) -> u64 {
+        let fast = matches!(self.args.link.kind, Kind::Sim { fast: true, .. });
+        let passed = wall.elapsed().as_nanos() as u64;
+        if fast {
+            0
+        } else {
+            virtual_ns.saturating_sub(passed)
+        }
+    }
+
+    /// Sleeps until shortly before a slot, the rest is the link's; a virtual clock leaves no rest.
+    fn pace(&mut self, wait_ns: u64, whole: bool) {
+        const REST_NS: u64 = 1_000_000;
+        let wait = if whole {
+            wait_ns
+        } else {
+            wait_ns.saturating_sub(REST_NS)
+        };
+        if wait > 0 {
+            self.signals.wait(Duration::from_nanos(wait));
+        }
+    }
+}
+
+fn unix_us() -> i128 {
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    since.as_micros() as i128
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<io::Error>()
+        .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,100 @@
+//! What only the operating system can do: signals, scheduling, pacing. The only unsafe code.
+#![allow(unsafe_code)]
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::{flag, low_level};
+use std::io::{self, Read};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+/// Ends loops on Ctrl-C, SIGTERM and SIGHUP, and wakes waits.
+#[derive(Debug)]
+pub(crate) struct Signals {
+    caught: Arc<AtomicUsize>,
+    wake: UnixStream,
+}
+
+impl Signals {
+    /// Catches the first signal; a second one of the same kind ends the process at once.
+    pub(crate) fn catch() -> io::Result<Signals> {
+        let caught = Arc::new(AtomicUsize::new(0));
+        let (wake, write) = UnixStream::pair()?;
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            let armed = Arc::new(AtomicBool::new(false));
+            // In this order: the first signal finds the flag not set yet.
+            flag::register_conditional_default(signal, Arc::clone(&armed))?;
+            flag::register(signal, armed)?;
+            flag::register_usize(signal, Arc::clone(&caught), signal as usize)?;
+            low_level::pipe::register(signal, write.try_clone()?)?;
+        }
+        Ok(Signals { caught, wake })
+    }
+
+    /// The signal that was caught.
+    pub(crate) fn caught(&self) -> Option<i32> {
+        let signal = self.caught.load(Ordering::Relaxed);
+        i32::try_from(signal).ok().filter(|signal| *signal != 0)
+    }
+
+    /// Waits so long, or until a signal comes.
+    pub(crate) fn wait(&mut self, time: Duration) {
+        let end = Instant::now() + time;
+        // A socket's timeout counts in scheduler ticks: it serves for the long part only.
+        const TICKS: Duration = Duration::from_millis(20);
+        while self.caught().is_none() {
+            let left = end.saturating_duration_since(Instant::now());
+            if left <= TICKS {
+                std::thread::sleep(left);
+                return;
+            }
+            let timeout = self.wake.set_read_timeout(Some(left - TICKS / 2));
+            if timeout.is_err() || matches!(self.wake.read(&mut [0]), Ok(1..)) {
+                return;
+            }
+        }
+    }
+}
+
+/// After cleaning up: what the signal would have done to a process that does not catch it. Service managers take
+/// an exit status of 143 for a failure, a death by SIGTERM not.
+pub(crate) fn die_by(signal: i32) {
+    if signal != SIGINT {
+        // Falls through to an ordinary exit where it cannot be raised.
+        let _ = low_level::emulate_default_handler(signal);
+    }
+}
+
+/// SCHED_FIFO at this priority, all memory locked.
+pub(crate) fn real_time(priority: u8) -> io::Result<()> {
+    let parameter = libc::sched_param {
+        sched_priority: priority.into(),
+    };
+    // SAFETY: the pointer is to a live sched_param; 0 is this process.
+    let scheduled = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) };
+    if scheduled != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: takes flags only.
+    match unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// This process runs on one processor only.
+pub(crate) fn pin_to_cpu(cpu: usize) -> io::Result<()> {
+    if cpu >= libc::CPU_SETSIZE as usize {
+        return Err(io::Error::from(io::ErrorKind::InvalidInput));
+    }
+    // SAFETY: cpu_set_t is an array of integers, for which all zeros is the empty set.
+    let mut set: libc::cpu_set_t = unsafe { std::mem::zeroed() };
+    // SAFETY: `cpu` is below CPU_SETSIZE, so the bit lies within the set.
+    unsafe { libc::CPU_SET(cpu, &mut set) };
+    // SAFETY: the pointer and the size are those of a live cpu_set_t; 0 is this process.
+    match unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &set) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}

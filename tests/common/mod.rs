@@ -1,0 +1,95 @@
+//! Shared by the integration tests.
+#![allow(dead_code, unreachable_pub)]
+
+use fastrand::Rng;
+
+/// A generator whose seed is printed, and taken from BISS_TEST_SEED when a failure is to be repeated.
+pub fn rng() -> Rng {
+    let seed = match std::env::var("BISS_TEST_SEED") {
+        Ok(text) => text.parse().expect("BISS_TEST_SEED is a number"),
+        Err(_) => fastrand::u64(..),
+    };
+    println!("BISS_TEST_SEED={seed}");
+    Rng::with_seed(seed)
+}
+
+/// Size of a campaign, `usual` unless BISS_TEST_SIZE says otherwise in percent.
+pub fn size(usual: usize) -> usize {
+    let percent = match std::env::var("BISS_TEST_SIZE") {
+        Ok(text) => text.parse().expect("BISS_TEST_SIZE is a percentage"),
+        Err(_) => 100,
+    };
+    let size = usual * percent / 100;
+    println!("{size} rounds");
+    size
+}
+
+/// Any frame format: 1 to 8 channels, every kind of field, every width of CRC.
+pub fn format(rng: &mut Rng) -> String {
+    let channels: Vec<String> = (0..rng.usize(1..=8)).map(|_| channel(rng)).collect();
+    channels.join("+")
+}
+
+pub fn channel(rng: &mut Rng) -> String {
+    let mut room = rng.u8(1..=64);
+    let mut fields = Vec::new();
+    let mut take = |rng: &mut Rng, fields: &mut Vec<String>, name: &str, most: u8| {
+        let bits = rng.u8(1..=most.min(room.max(1)));
+        if room >= bits {
+            room -= bits;
+            fields.push(format!("{name}{bits}"));
+        }
+    };
+    if rng.bool() {
+        take(rng, &mut fields, "mt", 24);
+    }
+    let place = if rng.bool() { "st" } else { "pos" };
+    take(rng, &mut fields, place, 64);
+    if rng.u8(..4) == 0 {
+        take(rng, &mut fields, "pad", 8);
+    }
+    if rng.u8(..4) == 0 {
+        take(rng, &mut fields, "lc", 8);
+    }
+    if rng.u8(..4) == 0 {
+        take(rng, &mut fields, "data", 16);
+        if let Some(last) = fields.last_mut().filter(|f| f.starts_with("data")) {
+            last.push_str("=temp");
+        }
+    }
+    for flag in ["nE", "nW", "E", "W"] {
+        if room > 0 && rng.u8(..3) == 0 {
+            room -= 1;
+            fields.push(flag.into());
+        }
+    }
+    rng.shuffle(&mut fields);
+    if rng.u8(..8) > 0 {
+        fields.push(crc(rng));
+    }
+    fields.join(",")
+}
+
+pub fn crc(rng: &mut Rng) -> String {
+    if rng.bool() {
+        return (*rng
+            .choice(&["crc3", "crc4", "crc5", "crc6", "crc7", "crc8", "crc16"])
+            .unwrap())
+        .into();
+    }
+    let bits = rng.u8(1..=16);
+    let poly = 1u32 << bits | rng.u32(..1 << bits) | 1;
+    let mut text = format!("crc{bits}:{poly:#x}");
+    if rng.bool() {
+        text.push_str(&format!(":init={}", rng.u32(..1 << bits)));
+    }
+    if rng.bool() {
+        text.push_str(":plain");
+    }
+    text
+}
+
+/// A random word of so many bits.
+pub fn word(rng: &mut Rng, bits: u8) -> u64 {
+    rng.u64(..) >> (64 - u32::from(bits))
+}

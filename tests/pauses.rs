@@ -1,0 +1,194 @@
+//! The promise, under fire: MA is paused before, inside and after the calls that move it, and no pause that made
+//! the slave time out ends as a position.
+
+mod common;
+
+use biss::frame::BissC;
+use biss::link::bitbang::{Bang, Pins};
+use biss::link::sim::SimPins;
+use biss::link::{Error, Link};
+use biss::master::{Master, Slot};
+use biss::slave::Config;
+use biss::unit::Hertz;
+use common::{rng, size};
+use fastrand::Rng;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Pins whose calls take time, and now and then far too much of it.
+struct Paused {
+    pins: Rc<RefCell<SimPins>>,
+    rng: Rng,
+    call_ns: u64,
+    /// Pauses to come, in calls from now.
+    plan: Rc<RefCell<Vec<u32>>>,
+    paused: Rc<RefCell<u64>>,
+}
+
+impl Paused {
+    fn pass(&mut self, ns: u64) {
+        let mut pins = self.pins.borrow_mut();
+        let now = pins.now_ns();
+        pins.until(now + ns);
+    }
+
+    fn pause(&mut self) {
+        // 200 ns to 100 µs, as many short as long ones.
+        let ns = 10f64.powf(2.3 + 2.7 * self.rng.f64()) as u64;
+        self.pass(ns);
+        *self.paused.borrow_mut() += 1;
+    }
+
+    /// Runs `call` somewhere inside its time, with a pause before, inside (either side of it), or after.
+    fn call<T>(&mut self, call: impl FnOnce(&mut SimPins) -> Result<T, Error>) -> Result<T, Error> {
+        let due = {
+            let mut plan = self.plan.borrow_mut();
+            plan.iter_mut()
+                .for_each(|left| *left = left.saturating_sub(1));
+            let before = plan.len();
+            plan.retain(|left| *left > 0);
+            plan.len() < before
+        };
+        let place = if due { self.rng.u8(1..=4) } else { 0 };
+        let early = self.rng.u64(0..=self.call_ns);
+        let here = |paused: &mut Paused, at: u8| {
+            if place == at {
+                paused.pause();
+            }
+        };
+        here(self, 1);
+        self.pass(early);
+        here(self, 2);
+        let result = call(&mut self.pins.borrow_mut());
+        here(self, 3);
+        self.pass(self.call_ns - early);
+        here(self, 4);
+        result
+    }
+}
+
+impl Pins for Paused {
+    fn ma(&mut self, high: bool) -> Result<(), Error> {
+        self.call(|pins| pins.ma(high))
+    }
+    fn sl(&mut self) -> Result<bool, Error> {
+        self.call(|pins| pins.sl())
+    }
+    fn now_ns(&self) -> u64 {
+        self.pins.borrow().now_ns()
+    }
+    fn until(&mut self, ns: u64) {
+        self.pins.borrow_mut().until(ns);
+    }
+    fn cost_ns(&self) -> (u64, u64) {
+        (self.call_ns, self.call_ns)
+    }
+    fn virtual_time(&self) -> bool {
+        true
+    }
+}
+
+#[derive(Default, Debug)]
+struct Tally {
+    good: u64,
+    faults: u64,
+    restarted: u64,
+    paused: u64,
+}
+
+/// `frames` frames, one or two pauses in most of them.
+fn campaign(slave: &str, stall: Option<biss::frame::Stall>, frames: usize, rng: &mut Rng) -> Tally {
+    let config: Config = format!(
+        "{slave},motion=count,seed={},frame=st26,nE,nW,crc6",
+        rng.u32(..)
+    )
+    .parse()
+    .unwrap();
+    let pins = Rc::new(RefCell::new(SimPins::new(config)));
+    let plan = Rc::new(RefCell::new(Vec::new()));
+    let paused = Rc::new(RefCell::new(0));
+    let call_ns = rng.u64(50..750);
+    let mut link = Bang::new(Paused {
+        pins: Rc::clone(&pins),
+        rng: Rng::with_seed(rng.u64(..)),
+        call_ns,
+        plan: Rc::clone(&plan),
+        paused: Rc::clone(&paused),
+    });
+    if rng.bool() {
+        // Four calls a period, else an adaptive slave's timeout cannot be kept for certain.
+        let fastest = (1_000_000_000 / (5 * call_ns)) as u32;
+        link.set_clock(Hertz(rng.u32(100_000..fastest.min(400_000))))
+            .unwrap();
+    }
+    let mut protocol = BissC::new("st26,nE,nW,crc6".parse().unwrap());
+    protocol.stall = stall.unwrap_or(protocol.stall);
+    let mut master = Master::new(&mut link, &protocol, Some(0));
+    // A wandering busy time may need more frames than opening spends; the slots go on learning.
+    master.open().unwrap();
+    let mut tally = Tally::default();
+    for _ in 0..frames {
+        for _ in 0..rng.usize(..3) {
+            plan.borrow_mut().push(rng.u32(1..125));
+        }
+        let timeouts = pins.borrow().slave().timeouts();
+        assert!(matches!(master.slot(0, None).unwrap(), Slot::Done { .. }));
+        let pins = pins.borrow();
+        // The frame before ends with a timeout too, unless it was cut.
+        tally.restarted += u64::from(pins.slave().timeouts() > timeouts + 1);
+        match master.cycle().words().first().and_then(|word| word.good()) {
+            Some(word) => {
+                tally.good += 1;
+                assert_eq!(
+                    word,
+                    pins.slave().latched()[0],
+                    "{slave}: a position that was not latched for this frame"
+                );
+            }
+            None => tally.faults += 1,
+        }
+    }
+    tally.paused = *paused.borrow();
+    tally
+}
+
+#[test]
+fn no_pause_yields_a_position() {
+    let mut rng = rng();
+    let adaptive = Some(biss::frame::Stall::Adaptive);
+    let mut total = Tally::default();
+    let campaigns = size(100);
+    for (slave, stall) in [
+        ("timeout=12.5us", None),
+        ("timeout=20us", None),
+        ("timeout=40us", None),
+        ("timeout=12.5us,timer=rising", None),
+        ("timeout=adaptive", None),
+        ("timeout=adaptive", adaptive),
+        ("tclk=100ns", None),
+        ("tclk=100ns,timer=rising", None),
+        ("timeout=request", None),
+        ("timeout=12.5us,delay=3us,busy=2us..9us", None),
+    ] {
+        let mut here = Tally::default();
+        for _ in 0..campaigns {
+            let tally = campaign(slave, stall, 120, &mut rng);
+            here.good += tally.good;
+            here.faults += tally.faults;
+            here.restarted += tally.restarted;
+            here.paused += tally.paused;
+        }
+        println!("{slave} {stall:?}: {here:?}");
+        assert!(
+            here.good > here.faults / 2 && here.restarted > 100,
+            "{slave}: the campaign shows nothing"
+        );
+        total.paused += here.paused;
+    }
+    println!("{} pauses", total.paused);
+    assert!(
+        total.paused > 1_000 * campaigns as u64,
+        "too few pauses: {}",
+        total.paused
+    );
+}
