@@ -359,6 +359,28 @@ impl BissC {
         }
     }
 
+    /// MA stood still for too long for the slave, or for a bit to be told from the next one.
+    fn stalled(&self, trace: &Trace) -> Option<Fault> {
+        let limit_ns = self.stall_limit_ns(trace);
+        if let Some(level) = trace.longest.filter(|level| level.ns > limit_ns) {
+            return Some(Fault::Stalled {
+                level_ns: level.ns,
+                limit_ns,
+                edge: level.edge,
+            });
+        }
+        // The sampling phase keeps a quarter of a clock to the next bit; half of that is left to calls that take
+        // longer than usual. Nothing on the wire protects the start bit from being read twice.
+        let (late, period) = (trace.late?, trace.ma_period_ns?);
+        let limit_ns = period.saturating_add(period / 8);
+        let level_ns = period.saturating_add(late.ns);
+        (level_ns > limit_ns).then_some(Fault::Stalled {
+            level_ns,
+            limit_ns,
+            edge: late.edge,
+        })
+    }
+
     fn head(&self, trace: &Trace) -> Result<(Head, usize), Fault> {
         let bits = &trace.bits;
         let have = bits.len() as u16;
@@ -386,18 +408,14 @@ impl BissC {
                 short(self.least_bits())
             });
         };
-        if let Some(level) = trace.longest {
-            let limit_ns = self.stall_limit_ns(trace);
-            if level.ns > limit_ns {
-                return Err(Fault::Stalled {
-                    level_ns: level.ns,
-                    limit_ns,
-                    edge: level.edge,
-                });
-            }
-        }
         let delay_clk = (ack_at - 1) as u16;
-        if delay_clk > ack_limit {
+        if let Some(fault) = self.stalled(trace) {
+            return Err(fault);
+        }
+        let late = trace
+            .delay_ns
+            .is_some_and(|ns| u64::from(ns) > u64::from(ack_limit) * period(trace));
+        if delay_clk > ack_limit || late {
             return Err(Fault::NoAck { clocks: ack_limit });
         }
         let want = |head: u16| 2u16.saturating_add(head).saturating_add(self.tail());
@@ -430,6 +448,11 @@ impl BissC {
             start_at + 2,
         ))
     }
+}
+
+/// Without a clock there is no limit in time.
+fn period(trace: &Trace) -> u64 {
+    trace.ma_period_ns.map_or(u64::MAX >> 16, u64::from)
 }
 
 /// A time limit in clocks, eight at least; without a clock there is no limit.
@@ -465,8 +488,9 @@ impl Protocol for BissC {
             Until::Clocks((2 + head + self.tail() + 2).min(MAX_CLOCKS as u16))
         };
         let stretch_ns = match self.stall {
-            // A little less than the 12 µs in sum that stay below every static ceiling.
-            Stall::Adaptive if ability.reacts => 11_000,
+            // A little less than the 12 µs in sum that stay below every static ceiling; not while bits may be under
+            // way longer than a clock, when every level must be like the others.
+            Stall::Adaptive if ability.reacts && ability.delay_clk == Some(0) => 11_000,
             _ => 0,
         };
         let delay = match ability.delay_clk {

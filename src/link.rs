@@ -27,8 +27,8 @@ pub struct Caps {
     pub sees_idle: bool,
     /// Bounds the length of MA levels.
     pub times_levels: bool,
-    /// Can sample SL early or late in the bit.
-    pub phases: bool,
+    /// Where in a bit it can sample SL, the usual place first; empty where there is no choice.
+    pub phases: &'static [Phase],
     /// Time passes only while cycles run.
     pub virtual_time: bool,
     /// Cycles that one system call can hold.
@@ -66,22 +66,22 @@ impl fmt::Display for Clock {
     }
 }
 
-/// Where in a bit SL is sampled by a link that has no other choice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Where in a bit SL is sampled: so many quarters of a clock after the rising edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
-    /// SPI mode 3: with the next rising edge; the whole bit is delay budget.
-    Late,
-    /// SPI mode 2: with the falling edge, half a bit after the rising one.
-    Early,
+    /// In the middle of the high level.
+    Quarter = 1,
+    /// With the falling edge, as SPI mode 2 does.
+    Half = 2,
+    /// In the middle of the low level.
+    ThreeQuarters = 3,
+    /// With the next rising edge, as SPI mode 3 does: the whole bit is delay budget.
+    Whole = 4,
 }
 
-impl Phase {
-    /// The SPI mode's number.
-    pub fn mode(self) -> u8 {
-        match self {
-            Phase::Late => 3,
-            Phase::Early => 2,
-        }
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/4", *self as u8)
     }
 }
 
@@ -141,12 +141,12 @@ pub trait Link {
         Ok(self.clock())
     }
 
-    /// Samples SL at another place in the bit; false where there is no choice or the user has made it.
+    /// Samples SL at another place in the bit, one of [`Caps::phases`].
     ///
     /// # Errors
     /// When the device refuses it.
-    fn set_phase(&mut self, _phase: Phase) -> Result<bool, Error> {
-        Ok(false)
+    fn set_phase(&mut self, _phase: Phase) -> Result<(), Error> {
+        Ok(())
     }
 
     /// MA high for so long, then SL, where it can be seen without clocking.

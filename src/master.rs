@@ -22,6 +22,57 @@ const PHASE_FRAMES: u32 = 4;
 /// Retries of a stalled frame when the user has not said how many: the wire was fine, the machine was not.
 const STALL_RETRIES: u32 = 3;
 
+/// Line delay as seen from one sampling phase.
+enum Delay {
+    /// So many whole clocks, in every frame.
+    Clocks(u16),
+    /// Frames differ, or are bad: SL changes about where it is sampled.
+    Wavering,
+    /// No encoder answers.
+    Unknown,
+}
+
+/// The steady phase farthest from where SL changes. `delays` are the whole clocks of line delay seen a quarter, a half,
+/// three quarters and a whole clock after the edge, `None` where frames did not agree.
+fn farthest_from_change(delays: [Option<u16>; 4]) -> Option<Phase> {
+    const PHASES: [Phase; 4] = [
+        Phase::Quarter,
+        Phase::Half,
+        Phase::ThreeQuarters,
+        Phase::Whole,
+    ];
+    // In eighths of a clock, where a phase stands at 2, 4, 6 and 8: at phases that waver, else between two that differ.
+    let next = |index: usize| match index {
+        3 => delays[0].and_then(|clocks| clocks.checked_sub(1)),
+        _ => delays[index + 1],
+    };
+    let wavers = (0..4)
+        .filter(|index| delays[*index].is_none())
+        .map(|index| 2 * index + 2);
+    let steps = (0..4)
+        .filter(|index| delays[*index] != next(*index))
+        .map(|index| 2 * index + 3);
+    let changes: Vec<usize> = if delays.contains(&None) {
+        wavers.collect()
+    } else {
+        steps.collect()
+    };
+    let distance = |index: usize| {
+        let place = 2 * index + 2;
+        // Room to the next change counts a little more: a pause samples late, nothing samples early.
+        let room = changes
+            .iter()
+            .map(|change| ((change + 8 - place) % 8, (place + 8 - change) % 8));
+        room.map(|(after, before)| (after.min(before), after))
+            .min()
+            .unwrap_or((8, 8))
+    };
+    let steady = (0..4).filter(|index| delays[*index].is_some());
+    steady
+        .max_by_key(|index| distance(*index))
+        .map(|index| PHASES[index])
+}
+
 /// What a slot came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slot {
@@ -49,6 +100,7 @@ pub struct Master<'a> {
     faults_in_row: u32,
     /// Look for a better phase after so many faults in a row.
     patience: u32,
+    phase: Phase,
     /// The clock to come back to after looking at another.
     asked: Hertz,
 }
@@ -77,6 +129,7 @@ impl<'a> Master<'a> {
             unsettled: true,
             faults_in_row: 0,
             patience: 3,
+            phase: Phase::Whole,
         }
     }
 
@@ -109,11 +162,8 @@ impl<'a> Master<'a> {
         if !self.link.caps().live {
             return Ok(true);
         }
-        if self.link.caps().phases {
-            self.choose_phase()?;
-        } else {
-            self.link.measure_clock()?;
-        }
+        self.choose_phase()?;
+        self.link.measure_clock()?;
         self.learn()?;
         Ok(self.learned().is_some())
     }
@@ -285,45 +335,119 @@ impl<'a> Master<'a> {
             self.patience = 3;
             return Ok(());
         }
-        self.faults_in_row += 1;
-        if self.faults_in_row >= self.patience && self.link.caps().phases {
+        // A stall says nothing about the phase.
+        self.faults_in_row += u32::from(!matches!(self.fault(), Some(Fault::Stalled { .. })));
+        if self.faults_in_row >= self.patience && !self.link.caps().phases.is_empty() {
             self.faults_in_row = 0;
             // A dead line stays dead: look more and more rarely.
             self.patience = (self.patience * 2).min(1_000);
             let (trace, cycle) = (self.trace.clone(), self.cycle.clone());
             self.choose_phase()?;
+            self.link.measure_clock()?;
             self.learn()?;
             (self.trace, self.cycle) = (trace, cycle);
         }
         Ok(())
     }
 
-    /// Reads a few frames in both phases, at the clock and just below, and keeps the steadier one.
+    /// Finds the place in a bit at which SL stands still.
     fn choose_phase(&mut self) -> Result<(), Error> {
+        let caps = self.link.caps();
+        match caps.phases {
+            [] | [_] => return Ok(()),
+            _ if caps.times_levels => self.centre()?,
+            phases => self.steadier_of(phases)?,
+        }
+        self.tracker.forget_heads();
+        Ok(())
+    }
+
+    /// Looks where in a bit SL changes and samples as far from there as it can. Without enough good frames
+    /// everything stays as it was.
+    fn centre(&mut self) -> Result<(), Error> {
+        let phase = self.calm_phase()?.unwrap_or(self.phase);
+        self.phase = phase;
+        self.link.set_phase(phase)
+    }
+
+    fn calm_phase(&mut self) -> Result<Option<Phase>, Error> {
+        const PHASES: [Phase; 4] = [
+            Phase::Whole,
+            Phase::ThreeQuarters,
+            Phase::Half,
+            Phase::Quarter,
+        ];
+        let mut delays = [None; PHASES.len()];
+        for (index, phase) in PHASES.into_iter().enumerate() {
+            match self.delay_at(phase)? {
+                Delay::Unknown => return Ok(None),
+                Delay::Wavering => {}
+                Delay::Clocks(clocks) => delays[index] = Some(clocks),
+            }
+            if delays[..2] == [Some(0); 2] {
+                // SL changes less than three quarters after its edge, and never again before the next one.
+                return Ok(Some(Phase::Whole));
+            }
+        }
+        delays.reverse();
+        Ok(farthest_from_change(delays))
+    }
+
+    /// Whole clocks of line delay when sampling there, from a few good frames.
+    fn delay_at(&mut self, phase: Phase) -> Result<Delay, Error> {
+        self.link.set_phase(phase)?;
+        self.tracker.forget_heads();
+        let (mut good, mut found) = (0, None::<u16>);
+        for _ in 0..4 * PHASE_FRAMES {
+            self.attempt(0)?;
+            match self.fault() {
+                // The machine's fault, not the phase's.
+                Some(Fault::Stalled { .. }) => continue,
+                Some(Fault::NotReady { .. } | Fault::NoAck { .. }) => return Ok(Delay::Unknown),
+                _ => {}
+            }
+            let delay = self
+                .cycle
+                .head()
+                .filter(|_| self.cycle.is_good())
+                .map(|head| head.delay_clk);
+            match (delay, found) {
+                (Some(delay), None) => found = Some(delay),
+                (Some(delay), Some(before)) if delay == before => {}
+                _ => return Ok(Delay::Wavering),
+            }
+            good += 1;
+            if good == PHASE_FRAMES {
+                return Ok(found.map_or(Delay::Unknown, Delay::Clocks));
+            }
+        }
+        // Samples there come too late in the bit to be told from stalls.
+        Ok(Delay::Wavering)
+    }
+
+    /// Reads a few frames in each phase, at the clock and just below, and keeps the steadier one.
+    fn steadier_of(&mut self, phases: &[Phase]) -> Result<(), Error> {
         let near = Hertz(self.asked.0 - self.asked.0 / 16);
         let mut best = None;
-        for phase in [Phase::Late, Phase::Early] {
-            if !self.link.set_phase(phase)? {
-                return Ok(());
-            }
+        for phase in phases {
+            self.link.set_phase(*phase)?;
             let mut steady = 0;
             for clock in [near, self.asked] {
                 self.link.set_clock(clock)?;
                 steady += self.steady_frames()?;
             }
             if best.is_none_or(|(most, _)| steady > most) {
-                best = Some((steady, phase));
+                best = Some((steady, *phase));
             }
             if steady == 2 * PHASE_FRAMES {
                 break;
             }
         }
         if let Some((_, phase)) = best {
+            self.phase = phase;
             self.link.set_phase(phase)?;
             self.link.set_clock(self.asked)?;
-            self.link.measure_clock()?;
         }
-        self.tracker.forget_heads();
         Ok(())
     }
 
@@ -358,5 +482,33 @@ impl std::fmt::Debug for Master<'_> {
         f.debug_struct("Master")
             .field("learned", &self.learned())
             .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_phase_keeps_away_from_where_sl_changes() {
+        use Phase::{Half, Quarter, ThreeQuarters, Whole};
+        for (delays, phase) in [
+            // SL changes in the first, second, third and last quarter.
+            ([Some(1), Some(1), Some(1), Some(1)], Some(Half)),
+            ([Some(2), Some(1), Some(1), Some(1)], Some(ThreeQuarters)),
+            ([Some(2), Some(2), Some(1), Some(1)], Some(Whole)),
+            ([Some(2), Some(2), Some(2), Some(1)], Some(Quarter)),
+            // It changes where it was sampled, or over a wide range.
+            ([None, Some(1), Some(1), Some(1)], Some(ThreeQuarters)),
+            ([Some(2), None, Some(1), Some(1)], Some(Whole)),
+            ([None, None, Some(1), Some(1)], Some(ThreeQuarters)),
+            ([Some(1), Some(1), None, Some(0)], Some(Quarter)),
+            ([Some(2), Some(2), None, None], Some(Quarter)),
+            ([None, None, None, Some(3)], Some(Whole)),
+            ([None; 4], None),
+        ] {
+            let found = farthest_from_change(delays);
+            assert_eq!(found, phase, "{delays:?}");
+        }
     }
 }

@@ -282,8 +282,9 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     trace.delay_ns = delay.and_then(|ns| u32::try_from(ns).ok());
     measure_levels(edges, trace);
     let period = period.unwrap_or(0);
-    // Whole clocks of delay stay, as a later Ack; the rest moves the sample into the middle of the bit.
-    let after = delay.map_or(0, |delay| if period > 0 { delay % period } else { 0 }) + period / 2;
+    // The middle of the bit as it arrives: whole clocks of line delay are taken out too, so that MA may pause
+    // while bits are still on their way.
+    let after = delay.unwrap_or(0) + period / 2;
     let mut changes = edges.slo.iter().peekable();
     let mut level = edges.idle;
     for rise in &edges.rises {

@@ -177,6 +177,9 @@ pub struct Trace {
     pub ma_period_ns: Option<u32>,
     /// Longest MA level or rise-to-rise time.
     pub longest: Option<Level>,
+    /// With a line delay of whole clocks, bits are under way while MA goes on: by how much the latest sample came later
+    /// after the edge that had set its bit than it should, and the rising edge before the sample.
+    pub late: Option<Level>,
     /// Lower bound of first falling to second rising edge, what an adaptive slave takes for its timeout.
     pub reference_ns: Option<u32>,
     /// Second rising MA edge to SL falling.

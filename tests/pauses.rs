@@ -98,6 +98,12 @@ struct Tally {
 
 /// `frames` frames, one or two pauses in most of them.
 fn campaign(slave: &str, stall: Option<biss::frame::Stall>, frames: usize, rng: &mut Rng) -> Tally {
+    let delay = format!(
+        "delay={}ns,busy=0us..{}ns",
+        rng.u32(..15_000),
+        rng.u32(..20_000)
+    );
+    let slave = &slave.replace("any-delay", &delay);
     let config: Config = format!(
         "{slave},motion=count,seed={},frame=st26,nE,nW,crc6",
         rng.u32(..)
@@ -139,10 +145,20 @@ fn campaign(slave: &str, stall: Option<biss::frame::Stall>, frames: usize, rng: 
         match master.cycle().words().first().and_then(|word| word.good()) {
             Some(word) => {
                 tally.good += 1;
+                let trace = master.trace();
+                let bits: String = trace
+                    .bits
+                    .iter()
+                    .map(|b| if b { '1' } else { '0' })
+                    .collect();
                 assert_eq!(
                     word,
                     pins.slave().latched()[0],
-                    "{slave}: a position that was not latched for this frame"
+                    "{slave}: a position that was not latched for this frame: {bits} {:?}, calls of {call_ns} ns, \
+                     {} latches, {trace:?}, {:?}",
+                    master.cycle().head(),
+                    pins.slave().latches(),
+                    master.link().notes(),
                 );
             }
             None => tally.faults += 1,
@@ -168,7 +184,11 @@ fn no_pause_yields_a_position() {
         ("tclk=100ns", None),
         ("tclk=100ns,timer=rising", None),
         ("timeout=request", None),
-        ("timeout=12.5us,delay=3us,busy=2us..9us", None),
+        ("timeout=12.5us,any-delay", None),
+        ("timeout=12.5us,timer=rising,any-delay", None),
+        ("timeout=adaptive,any-delay", None),
+        ("timeout=adaptive,any-delay", adaptive),
+        ("timeout=20us,any-delay,jitter=100ns", None),
     ] {
         let mut here = Tally::default();
         for _ in 0..campaigns {

@@ -1,7 +1,7 @@
 //! One clocked cycle over three primitives: set MA, read SL, wait. Shared by every link that moves MA itself.
 
-use super::{Caps, Clock, Error, Known, Link};
-use crate::trace::{Ask, Clocks, Trace, Until};
+use super::{Caps, Clock, Error, Known, Link, Phase};
+use crate::trace::{Ask, Clocks, Level, MAX_CLOCKS, Trace, Until};
 use crate::unit::Hertz;
 
 /// MA and SL as single levels, and a clock.
@@ -34,6 +34,9 @@ pub struct Bang<P> {
     pins: P,
     period_ns: u64,
     measured_ns: Option<u64>,
+    phase: Phase,
+    /// For each rising edge of the frame: before the call that made it, and after the sample that belongs to it.
+    times: Vec<(u64, u64)>,
     ma_high: bool,
     last_edge_ns: u64,
     /// The last frame ended with its stop bit seen as 0, so SL = 1 means ready. Else SL = 1 may be a data bit
@@ -59,6 +62,8 @@ impl<P: Pins> Bang<P> {
             pins,
             period_ns,
             measured_ns: None,
+            phase: Phase::Whole,
+            times: Vec::with_capacity(MAX_CLOCKS),
             ma_high: true,
             last_edge_ns,
             stop_seen: false,
@@ -136,26 +141,18 @@ impl<P: Pins> Bang<P> {
                 usual
             }
         };
-        let (_, read_ns) = self.pins.cost_ns();
+        let in_high = self.phase <= Phase::Half;
         let mut search = Search::new(clocks.until);
-        let mut due = self.pins.now_ns();
         let first_fall = self.edge(false)?;
         trace.t_ns = first_fall.before;
         let (mut fall, mut rise, mut first_rise) = (first_fall, None::<Edge>, None::<u64>);
+        let mut due = first_fall.before;
         let mut edge = 0u16;
+        self.times.clear();
         loop {
-            due = (due + length(2 * u32::from(edge))).max(fall.before);
-            if edge > 0 {
-                // Late in the bit: what the last rising edge set has had nearly a whole period to arrive.
-                self.pins.until(due.saturating_sub(read_ns));
-                // SL cannot change at LAT, so there is nothing to read yet.
-                let level = if edge == 1 {
-                    trace.idle.unwrap_or(true)
-                } else {
-                    self.pins.sl()?
-                };
-                trace.bits.push(level);
-                search.see(edge, level);
+            due = self.after(due, fall, length(2 * u32::from(edge)));
+            if let (Some(rise), false) = (rise, in_high) {
+                self.bit(edge, rise, due, &mut search, trace)?;
             }
             self.pins.until(due);
             let now = self.edge(true)?;
@@ -170,45 +167,111 @@ impl<P: Pins> Bang<P> {
             }
             first_rise.get_or_insert(now.before);
             rise = Some(now);
-            due = due.max(now.before);
             if edge >= search.end() {
-                self.last_bit(clocks, edge, now, due, &mut search, trace)?;
+                self.last_bit(clocks, edge, now, &mut search, trace)?;
+                trace.late = self.latest(&search);
                 let run = now.before - first_rise.unwrap_or(now.before);
                 self.measured_ns = (edge > 1)
                     .then(|| run / u64::from(edge - 1))
                     .or(self.measured_ns);
                 return Ok(search);
             }
-            due += length(2 * u32::from(edge) - 1);
+            due = self.after(due, now, length(2 * u32::from(edge) - 1));
+            if in_high {
+                self.bit(edge, now, due, &mut search, trace)?;
+            }
             self.pins.until(due);
             fall = self.edge(false)?;
             trace.level(fall.after - now.before, edge);
-            due = due.max(fall.before);
         }
     }
 
-    /// The last bit is read a full period after its edge. CDM = 1 takes MA low in between.
-    fn last_bit(
+    /// When the next edge is due: a level after the last one was, and never so soon that a call that took too long
+    /// would take the level's length, in which SL has to arrive, away.
+    fn after(&self, due: u64, edge: Edge, length: u64) -> u64 {
+        let (set_ns, _) = self.pins.cost_ns();
+        (due + length).max(edge.after.saturating_sub(set_ns) + length)
+    }
+
+    /// Reads what rising edge number `edge` has set, not before the phase's place in the bit, in time for the MA edge
+    /// that is due next.
+    fn bit(
         &mut self,
-        clocks: &Clocks,
         edge: u16,
         rise: Edge,
         due: u64,
         search: &mut Search,
         trace: &mut Trace,
     ) -> Result<(), Error> {
+        // SL cannot change at LAT, so there is nothing to read yet.
+        let level = if edge == 1 {
+            trace.idle.unwrap_or(true)
+        } else {
+            self.sample(rise, Some(due))?
+        };
+        trace.bits.push(level);
+        search.see(edge, level);
+        Ok(())
+    }
+
+    fn sample(&mut self, rise: Edge, due: Option<u64>) -> Result<bool, Error> {
+        let (set_ns, read_ns) = self.pins.cost_ns();
+        let into_bit = self.period_ns * self.phase as u64 / 4;
+        let place = rise.after.saturating_sub(set_ns) + into_bit;
+        let with_edge = matches!(self.phase, Phase::Half | Phase::Whole);
+        let at = due.filter(|_| with_edge).unwrap_or(place);
+        self.pins.until(at.saturating_sub(read_ns));
+        let level = self.pins.sl();
+        self.times.push((rise.before, self.pins.now_ns()));
+        level
+    }
+
+    /// How much later than usual the latest sample came after the edge that had set its bit, which is as many edges
+    /// back as the line delay has whole clocks. With less than a clock, nothing newer can have arrived.
+    fn latest(&self, search: &Search) -> Option<Level> {
+        let delay_clk = usize::from(search.ack?.checked_sub(2).filter(|clocks| *clocks > 0)?);
+        let (set_ns, read_ns) = self.pins.cost_ns();
+        let into_bit = (self.period_ns * self.phase as u64 / 4).max(set_ns + read_ns);
+        let usual = self.period_ns * delay_clk as u64 + into_bit;
+        let sent = self.times.iter().map(|(rise, _)| rise);
+        let lateness = self.times.iter().skip(delay_clk).zip(sent).enumerate().map(
+            |(index, ((_, read), sent))| {
+                let ns = (read - sent).saturating_sub(usual);
+                // The first sample is that of edge 2.
+                Level {
+                    ns: u32::try_from(ns).unwrap_or(u32::MAX),
+                    edge: (index + delay_clk + 2) as u16,
+                }
+            },
+        );
+        lateness.max_by_key(|level| level.ns)
+    }
+
+    /// The last bit has no edge after it. CDM = 1 takes MA low half a period after its edge.
+    fn last_bit(
+        &mut self,
+        clocks: &Clocks,
+        edge: u16,
+        rise: Edge,
+        search: &mut Search,
+        trace: &mut Trace,
+    ) -> Result<(), Error> {
         let cdm = clocks.cdm[usize::from(search.cds)];
-        if cdm {
-            self.pins.until(due + self.period_ns / 2);
+        let half = rise.before + self.period_ns / 2;
+        if cdm && self.phase > Phase::Half {
+            self.pins.until(half);
             self.edge(false)?;
         }
-        self.pins.until(due + self.period_ns);
-        let level = self.pins.sl()?;
+        let level = self.sample(rise, None)?;
         // The level lasts until it was read: a slave that timed out before has let SL go.
         trace.level(self.pins.now_ns() - rise.before, edge);
         trace.bits.push(level);
         search.see(edge, level);
         trace.cdm = Some(cdm);
+        if cdm && self.ma_high {
+            self.pins.until(half);
+            self.edge(false)?;
+        }
         Ok(())
     }
 
@@ -296,7 +359,12 @@ impl<P: Pins> Link for Bang<P> {
             cdm: true,
             sees_idle: true,
             times_levels: true,
-            phases: false,
+            phases: &[
+                Phase::Whole,
+                Phase::ThreeQuarters,
+                Phase::Half,
+                Phase::Quarter,
+            ],
             virtual_time: self.pins.virtual_time(),
             burst: 1,
         }
@@ -325,6 +393,18 @@ impl<P: Pins> Link for Bang<P> {
         self.period_ns = hz.period_ns().max(2 * set + get).max(2);
         self.measured_ns = None;
         Ok(self.clock())
+    }
+
+    fn set_phase(&mut self, phase: Phase) -> Result<(), Error> {
+        self.phase = phase;
+        Ok(())
+    }
+
+    fn notes(&self) -> Vec<String> {
+        vec![format!(
+            "SL is sampled {} of a clock after each rising MA edge",
+            self.phase
+        )]
     }
 
     fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {

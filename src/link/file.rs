@@ -256,7 +256,7 @@ impl Link for Recording {
             cdm: false,
             sees_idle: true,
             times_levels: true,
-            phases: false,
+            phases: &[],
             virtual_time: true,
             burst: 1,
         }

@@ -222,8 +222,8 @@ impl Parser<'_> {
         for item in items {
             match item.pair() {
                 Some(("phase", "auto")) => phase = None,
-                Some(("phase", "2")) => phase = Some(Phase::Early),
-                Some(("phase", "3")) => phase = Some(Phase::Late),
+                Some(("phase", "2")) => phase = Some(Phase::Half),
+                Some(("phase", "3")) => phase = Some(Phase::Whole),
                 Some(("phase", _)) => return Err(self.wrong(&item, "phase is auto, 2 or 3")),
                 Some(("pad", bytes)) => {
                     pad = bytes
@@ -314,7 +314,7 @@ mod tests {
         assert_eq!(spec(r"gpio:ma=GPIO17,slo=a\,b").kind, gpio);
         let spi = Kind::Spi {
             path: "/dev/spidev0.1".into(),
-            phase: Some(Phase::Early),
+            phase: Some(Phase::Half),
             pad: 3,
         };
         assert_eq!(spec("spi:0.1,phase=2,pad=3").kind, spi);

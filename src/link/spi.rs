@@ -48,7 +48,7 @@ pub fn open(
         device,
         path: path.to_owned(),
         time: Monotonic::start(),
-        phase: phase.unwrap_or(Phase::Late),
+        phase: phase.unwrap_or(Phase::Whole),
         phase_fixed: phase.is_some(),
         pad,
         asked: FIRST_CLOCK,
@@ -84,6 +84,11 @@ fn open_hint(error: &io::Error) -> String {
     }
 }
 
+/// The SPI mode that samples there; modes 3 and 2 are all there are with an idle-high clock.
+fn number(phase: Phase) -> u8 {
+    if phase > Phase::Half { 3 } else { 2 }
+}
+
 fn devices() -> Vec<String> {
     let names = std::fs::read_dir("/dev").into_iter().flatten().flatten();
     let mut found: Vec<String> = names
@@ -103,13 +108,13 @@ impl Spi {
     }
 
     fn configure(&mut self, phase: Phase) -> Result<(), Error> {
-        let mode = match phase {
-            Phase::Late => SpiModeFlags::SPI_MODE_3,
-            Phase::Early => SpiModeFlags::SPI_MODE_2,
+        let mode = match number(phase) {
+            3 => SpiModeFlags::SPI_MODE_3,
+            _ => SpiModeFlags::SPI_MODE_2,
         };
         let options = SpidevOptions::new().bits_per_word(8).mode(mode).build();
         self.device.configure(&options).map_err(|e| {
-            let doing = format!("setting SPI mode {}", phase.mode());
+            let doing = format!("setting SPI mode {}", number(phase));
             self.failed(
                 &doing,
                 e,
@@ -178,7 +183,11 @@ impl Link for Spi {
             cdm: false,
             sees_idle: false,
             times_levels: false,
-            phases: !self.phase_fixed,
+            phases: if self.phase_fixed {
+                &[]
+            } else {
+                &[Phase::Whole, Phase::Half]
+            },
             virtual_time: false,
             burst: 1,
         }
@@ -214,13 +223,10 @@ impl Link for Spi {
         Ok(self.clock)
     }
 
-    fn set_phase(&mut self, phase: Phase) -> Result<bool, Error> {
-        if self.phase_fixed {
-            return Ok(false);
-        }
+    fn set_phase(&mut self, phase: Phase) -> Result<(), Error> {
         self.configure(phase)?;
         self.rest(REST_NS);
-        Ok(true)
+        Ok(())
     }
 
     fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {
@@ -260,7 +266,7 @@ impl Link for Spi {
         vec![format!(
             "{}: mode {}, {}; other devices on this bus clock MA too",
             self.path.display(),
-            self.phase.mode(),
+            number(self.phase),
             self.clock
         )]
     }
