@@ -40,8 +40,10 @@ Links:
 Frame format, in wire order after CDS, channels joined by +:
   mtN stN posN padN dataN[=NAME] lcN  nE nW (active low)  E W  crcN[:POLY[:init=X][:plain]]
 
-Exit status: 0 every frame asked for was good and without error bit; 1 the wire answered badly or not at
-all; 2 usage or machine.";
+Exit status:
+  0  every frame asked for was good and without error bit
+  1  the wire answered badly, or not at all
+  2  usage or machine";
 
 #[derive(Debug, Args)]
 pub(crate) struct Read {
@@ -158,7 +160,7 @@ pub(crate) struct Timeout {
 }
 
 /// Longest static timeout (D2 Table 10).
-const TIMEOUT_MAX: Nanos = Nanos(40_000);
+pub(crate) const TIMEOUT_MAX: Nanos = Nanos(40_000);
 
 impl FromStr for Timeout {
     type Err = ParseError;

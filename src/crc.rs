@@ -303,7 +303,7 @@ mod tests {
             "iC-Haus AN22, 30-bit SCD of an iC-MHM"
         );
         assert_eq!(
-            Crc::standard(16).unwrap().of(0xD9CF_E0C0_DA, 40),
+            Crc::standard(16).unwrap().of(0xD9_CFE0_C0DA, 40),
             0x5F29,
             "iC-Haus AN21"
         );

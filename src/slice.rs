@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 /// [`Slicer::take`].
 #[derive(Debug)]
 pub struct Slicer {
-    rest_ns: u64,
+    timeout_ns: u64,
     t_ns: u64,
     begun: Option<u64>,
     ma: bool,
@@ -99,13 +99,15 @@ impl Edges {
     }
 }
 
-/// Longer than any timeout and line delay: 40 µs each (D2 Table 10).
-const REST_NS: u64 = 80_000;
+/// Longest line delay (D2 Table 10).
+const DELAY_MAX_NS: u64 = 40_000;
 
-impl Default for Slicer {
-    fn default() -> Slicer {
+impl Slicer {
+    /// For slaves whose timeout is at most this long. A rest of MA longer than that and the line delay ends every
+    /// frame, whatever SL does (D2, p. 12: 40 µs).
+    pub fn new(timeout_max_ns: u64) -> Slicer {
         Slicer {
-            rest_ns: REST_NS,
+            timeout_ns: timeout_max_ns,
             t_ns: 0,
             begun: None,
             ma: true,
@@ -117,9 +119,7 @@ impl Default for Slicer {
             rested: false,
         }
     }
-}
 
-impl Slicer {
     /// MA and SLO from `t_ns` on, until the next call. `None` for SLO means neither 0 nor 1. Times that go
     /// backwards are taken for the last one.
     pub fn push(&mut self, t_ns: u64, ma: bool, slo: Option<bool>) {
@@ -162,12 +162,17 @@ impl Slicer {
     /// Ends the cycle when MA has rested long enough by `t_ns`.
     fn settle(&mut self, t_ns: u64) {
         let since = self.cycle.last_edge().or(self.begun).unwrap_or(t_ns);
-        let rested = t_ns.saturating_sub(since) > self.rest_ns;
-        if self.state != State::Rest && rested {
-            self.end(since + self.rest_ns, Some(!self.ma));
+        let delay = match self.cycle.headless {
+            true => DELAY_MAX_NS,
+            false => self.cycle.delay().unwrap_or(0).min(DELAY_MAX_NS),
+        };
+        let limit = self.timeout_ns + delay;
+        if t_ns.saturating_sub(since) <= limit {
+            return;
         }
-        if self.state == State::Rest && rested {
-            self.rested = true;
+        match self.state {
+            State::Rest => self.rested = true,
+            State::Armed | State::Running => self.end(since + limit, Some(!self.ma)),
         }
     }
 
@@ -348,7 +353,7 @@ mod tests {
             let config: Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
             let mut bench = Bench {
                 slave: Slave::new(config),
-                slicer: Slicer::default(),
+                slicer: Slicer::new(40_000),
                 t: 0,
                 ma: true,
             };
@@ -486,7 +491,7 @@ mod tests {
         let protocol = BissC::new(FORMAT.parse().unwrap());
         for from in 0..levels.len() {
             for to in [from + 20, from + 60, levels.len()] {
-                let mut slicer = Slicer::default();
+                let mut slicer = Slicer::new(40_000);
                 let part = &levels[from..to.min(levels.len())];
                 for (t, ma, slo) in part {
                     slicer.push(*t, *ma, *slo);
@@ -505,7 +510,7 @@ mod tests {
 
     #[test]
     fn unknown_levels_cut_the_frame() {
-        let mut slicer = Slicer::default();
+        let mut slicer = Slicer::new(40_000);
         slicer.push(0, true, Some(true));
         for edge in 0..10u64 {
             let slo = if edge > 5 { None } else { Some(edge < 2) };

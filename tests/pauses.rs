@@ -1,5 +1,6 @@
 //! The promise, under fire: MA is paused before, inside and after the calls that move it, and no pause that made
 //! the slave time out ends as a position.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! What must hold for every format, delay, Ack length and every error on the wire.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 mod common;
 

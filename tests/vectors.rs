@@ -1,4 +1,5 @@
 //! Frames whose every bit is known from published sources, decoded and emitted.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 use biss::Format;
 use biss::frame::{BissC, Cycle, Head, emit};

@@ -103,7 +103,16 @@ fn open(args: &cli::Read, format: &Format) -> Result<Box<dyn Link>> {
             Box::new(link)
         }
         Kind::File { path, ma, slo } => {
-            Box::new(link::file::open(path, ma.as_deref(), slo.as_deref())?)
+            let timeout_max_ns = args
+                .timeout
+                .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
+                .0;
+            Box::new(link::file::open(
+                path,
+                ma.as_deref(),
+                slo.as_deref(),
+                timeout_max_ns,
+            )?)
         }
     })
 }
@@ -142,17 +151,19 @@ impl Run<'_> {
         let result = self.frames(&mut master, &mut printer, &mut summary, count);
         let result = result.and_then(|()| Ok(printer.flush()?));
         let signal = self.signals.caught();
-        if !args.quiet && (summary.cycles != 1 || args.verbose) {
+        if !args.quiet && (count != 1 || args.verbose) {
             summary.print(args.format);
         }
-        match result {
-            // Whoever reads has enough; what was delivered counts.
-            Err(error) if is_broken_pipe(&error) => {}
-            other => other?,
-        }
-        let complete = count == 0 || summary.cycles >= count || signal.is_none() && !live;
+        // Whoever reads may have enough; then what was delivered counts.
+        let enough = match result {
+            Err(error) if is_broken_pipe(&error) => true,
+            other => {
+                other?;
+                count == 0 || summary.cycles >= count
+            }
+        };
         let good =
-            summary.cycles > 0 && summary.good == summary.cycles && summary.error == 0 && complete;
+            summary.cycles > 0 && summary.good == summary.cycles && summary.error == 0 && enough;
         let outcome = if good { Outcome::Good } else { Outcome::Bad };
         Ok(Ended { outcome, signal })
     }

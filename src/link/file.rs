@@ -5,7 +5,7 @@ use crate::slice::Slicer;
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 use vcd::{Command, IdCode, Parser, ScopeItem, Value, Var};
 
@@ -30,11 +30,17 @@ pub struct Recording {
 const HINT: &str =
     "biss reads VCD files, as PulseView, GTKWave, sigrok-cli -O vcd and HDL simulators write them";
 
-/// Opens a VCD file, `-` for standard input, and finds MA and SLO in it by name.
+/// Opens a VCD file, `-` for standard input, and finds MA and SLO in it by name. `timeout_max_ns` is the
+/// longest timeout of the slave.
 ///
 /// # Errors
 /// When the file cannot be read, is no VCD, or has no such signals.
-pub fn open(path: &Path, ma: Option<&str>, slo: Option<&str>) -> Result<Recording, Error> {
+pub fn open(
+    path: &Path,
+    ma: Option<&str>,
+    slo: Option<&str>,
+    timeout_max_ns: u64,
+) -> Result<Recording, Error> {
     let name = path.display().to_string();
     let opening = || format!("opening the recording {name}");
     let reader: Box<dyn BufRead> = if path.as_os_str() == "-" {
@@ -45,7 +51,7 @@ pub fn open(path: &Path, ma: Option<&str>, slo: Option<&str>) -> Result<Recordin
         })?;
         Box::new(BufReader::new(file))
     };
-    Recording::new(reader, name, ma, slo)
+    Recording::new(reader, name, ma, slo, timeout_max_ns)
 }
 
 impl Recording {
@@ -54,6 +60,7 @@ impl Recording {
         name: String,
         ma: Option<&str>,
         slo: Option<&str>,
+        timeout_max_ns: u64,
     ) -> Result<Recording, Error> {
         let doing = format!("reading the header of {name}");
         let mut parser = Parser::new(reader);
@@ -92,7 +99,7 @@ impl Recording {
             ma_id,
             slo_id,
             tick_fs: u64::from(count) * (1_000_000_000_000_000 / unit.divisor()),
-            slicer: Slicer::default(),
+            slicer: Slicer::new(timeout_max_ns),
             tick: 0,
             ma: None,
             slo: None,
@@ -301,17 +308,4 @@ impl Link for Recording {
         }
         Ok(wanted)
     }
-}
-
-/// A recording from memory, for tests and tools.
-///
-/// # Errors
-/// As [`open`].
-pub fn from_reader(reader: impl Read + 'static) -> Result<Recording, Error> {
-    Recording::new(
-        Box::new(BufReader::new(reader)),
-        "the recording".into(),
-        None,
-        None,
-    )
 }

@@ -1,5 +1,5 @@
 //! Shared by the integration tests.
-#![allow(dead_code, unreachable_pub)]
+#![allow(dead_code, unreachable_pub, clippy::print_stdout, clippy::unwrap_used)]
 
 use fastrand::Rng;
 

@@ -1,0 +1,484 @@
+//! The program as a user types it, on the simulated slave.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+mod common;
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn biss(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_biss"));
+    command
+        .args(args)
+        .env_remove("BISS_LINK")
+        .env_remove("BISS_FRAME")
+        .env("LC_ALL", "C.UTF-8")
+        .env("NO_COLOR", "1");
+    command
+}
+
+fn run(args: &str) -> (String, String, Option<i32>) {
+    let args: Vec<&str> = args.split(' ').collect();
+    texts(biss(&args).output().unwrap())
+}
+
+fn texts(output: Output) -> (String, String, Option<i32>) {
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (
+        text(output.stdout),
+        text(output.stderr),
+        output.status.code(),
+    )
+}
+
+fn json(text: &str) -> Vec<Value> {
+    text.lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}")))
+        .collect()
+}
+
+#[test]
+fn text_is_what_the_design_shows() {
+    let (stdout, stderr, status) = run(
+        "read sim:turn=3,pos=524288,rpm=3,warning=30%,seed=4,frame=mt12,st20,nE,nW,crc6 -n 3 -i 1ms",
+    );
+    let lines: Vec<&str> = stdout.lines().collect();
+    assert_eq!(lines.len(), 3);
+    for (index, line) in lines.iter().enumerate() {
+        assert!(
+            line.starts_with(&format!("  0.00{index}000  turn 3  pos 524")),
+            "{line}"
+        );
+        assert!(line.contains("  180.0") && line.contains('°'), "{line}");
+        assert!(
+            line.ends_with("  ok") || line.ends_with("  warning"),
+            "{line}"
+        );
+    }
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    assert!(stderr.starts_with("biss: 3 good, 0 faults"), "{stderr}");
+    assert_eq!(status, Some(0), "a warning does not change the status");
+}
+
+#[test]
+fn one_frame_is_one_line_and_nothing_else() {
+    let (stdout, stderr, status) = run("read sim");
+    assert_eq!(
+        (stdout.lines().count(), stderr.as_str(), status),
+        (1, "", Some(0))
+    );
+}
+
+#[test]
+fn keys_come_in_their_order() {
+    let (stdout, _, _) =
+        run("read sim:cds=1,frame=mt4,st12,data8=temp,lc6,nE,nW,crc6+pos8,E -n 2 -o json -v");
+    let keys = |line: &str| -> Vec<String> {
+        let mut keys = Vec::new();
+        let mut rest = line;
+        while let Some((before, after)) = rest.split_once("\":") {
+            keys.push(before.rsplit_once('"').unwrap().1.to_owned());
+            rest = after;
+        }
+        keys
+    };
+    let lines: Vec<&str> = stdout.lines().collect();
+    assert_eq!(lines.len(), 4, "a record a channel");
+    let first = "type t_ns seq ch ok turn pos temp lc deg error warning tries ack delay_clk cds crc scd bits";
+    assert_eq!(keys(lines[0]).join(" "), first);
+    assert_eq!(
+        keys(lines[1]).join(" "),
+        "type t_ns seq ch ok pos error tries ack delay_clk cds unprotected scd bits"
+    );
+    let records = json(&stdout);
+    assert_eq!(records[0]["t_ns"], records[1]["t_ns"]);
+    assert_eq!(records[0]["seq"], records[1]["seq"]);
+    let (stdout, _, _) = run("read sim:crc-error=1 -o json");
+    let wanted = "type t_ns seq ok fault got want tries ack delay_clk cds crc scd";
+    assert_eq!(keys(stdout.trim_end()).join(" "), wanted);
+}
+
+/// The promise, at the last place where it could be broken: no record with a fault has a position of any name.
+#[test]
+fn a_record_with_a_fault_has_no_position() {
+    let mut rng = common::rng();
+    let mut kinds = std::collections::BTreeSet::new();
+    for _ in 0..common::size(60) {
+        let format = common::format(&mut rng);
+        let link = format!(
+            "sim:crc-error=20%,no-ack=10%,no-start=10%,null=20%,flip=0.2%,busy=0us..9us,seed={},frame={format}",
+            rng.u32(..)
+        );
+        // Now and then the master expects another format than the slave sends.
+        let expected = if rng.u8(..4) == 0 {
+            common::format(&mut rng)
+        } else {
+            format.clone()
+        };
+        let (stdout, stderr, status) = texts(
+            biss(&[
+                "read", &link, "-f", &expected, "-n", "40", "-o", "json", "-q",
+            ])
+            .output()
+            .unwrap(),
+        );
+        assert!(stderr.is_empty() && status != Some(2), "{link}: {stderr}");
+        let mut bad = false;
+        for record in json(&stdout) {
+            let Some(fault) = record.get("fault") else {
+                bad |= record.get("error") == Some(&Value::Bool(true));
+                continue;
+            };
+            bad = true;
+            kinds.insert(fault.as_str().unwrap().to_owned());
+            assert_eq!(record["ok"], false);
+            for key in [
+                "turn", "pos", "deg", "temp", "data", "lc", "error", "warning",
+            ] {
+                assert!(record.get(key).is_none(), "{key} in {record}");
+            }
+        }
+        assert_eq!(status, Some(i32::from(bad)), "{link} {expected}\n{stdout}");
+        let (text, ..) = texts(
+            biss(&["read", &link, "-f", &expected, "-n", "40", "-q"])
+                .output()
+                .unwrap(),
+        );
+        for line in text.lines().filter(|line| line.contains("fault")) {
+            assert!(
+                !line.contains("pos ") && !line.contains('°') && !line.contains("turn "),
+                "{line}"
+            );
+        }
+    }
+    for kind in ["crc", "no-ack", "no-start", "null", "stop"] {
+        assert!(
+            kinds.contains(kind),
+            "{kind} never happened, only {kinds:?}"
+        );
+    }
+}
+
+#[test]
+fn exit_status_says_what_happened() {
+    for (args, want) in [
+        ("read sim -n 5", 0),
+        ("read sim:warning=1 -n 5", 0),
+        ("read sim:error=1 -n 5", 1),
+        ("read sim:stuck=1", 1),
+        ("read sim:stuck=0", 1),
+        ("read sim:crc-error=1", 1),
+        ("read sim:null=1", 1),
+        ("read sim:frame=st26,nE,nW,crc6 -f st20,nE,nW,crc6 -n 20", 1),
+        ("read sim:power-up=low -n 3", 0),
+        ("read", 2),
+        ("read sim -i 40", 2),
+        ("read sim -i 0us", 2),
+        ("read sim -c 2", 2),
+        ("read sim -f st26,nF", 2),
+        ("read sim:dellay=1us", 2),
+        ("read sim --frobnicate", 2),
+        ("read spi:9.9", 2),
+        ("read spi:9.9 -f st26", 2),
+        ("read gpio:99,ma=1,slo=2 -f st26", 2),
+        ("read file:no/such.vcd -f st26", 2),
+        ("read file:tests/recordings/bench.vcd", 2),
+        (
+            "read file:tests/recordings/bench.vcd -f st26,nE,nW,crc6 -c 1MHz",
+            2,
+        ),
+        (
+            "read file:tests/recordings/bench.vcd -f st26,nE,nW,crc6 -i 1ms",
+            2,
+        ),
+        ("read file:tests/recordings/bench.vcd -f st26,nE,nW,crc6", 0),
+        (
+            "read file:tests/recordings/bench.vcd -f st26,nE,nW,crc6 -n 2",
+            0,
+        ),
+        (
+            "read file:tests/recordings/bench.vcd -f st26,nE,nW,crc6 -n 9",
+            1,
+        ),
+        ("read file:Cargo.toml -f st26", 2),
+    ] {
+        let (stdout, stderr, status) = run(args);
+        assert_eq!(status, Some(want), "{args}\n{stdout}{stderr}");
+        if want == 2 {
+            assert!(
+                stderr.starts_with("biss: ") && stdout.is_empty(),
+                "{args}: {stderr}"
+            );
+        }
+    }
+}
+
+#[test]
+fn errors_say_what_to_try() {
+    for (args, words) in [
+        ("read spi:9.9 -f st26", ["/dev/spidev9.9", "dtparam=spi=on"]),
+        (
+            "read gpio:99,ma=1,slo=2 -f st26",
+            ["/dev/gpiochip99", "number, name, label or path"],
+        ),
+        ("read spi:0.0", ["no frame format", "-f st26,nE,nW,crc6"]),
+        ("read sim -i 40", ["no unit", "40us"]),
+        ("read sim:dellay=1us", ["no `dellay`", "delay=TIME"]),
+        ("read sim -f st26,nF", ["unknown field `nF`", "^^"]),
+        ("read sim --time noon", ["noon", "unix"]),
+    ] {
+        let (_, stderr, _) = run(args);
+        for word in words {
+            assert!(stderr.contains(word), "{args}: no `{word}` in {stderr}");
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_prints_the_same_bytes() {
+    let args =
+        "read sim:fast,seed=9,crc-error=5%,flip=0.1%,jitter=100ns,busy=1us..5us -n 500 -o json";
+    let first = run(args);
+    assert_eq!(first, run(args));
+    assert_ne!(first.0, run(&args.replace("seed=9", "seed=8")).0);
+}
+
+#[test]
+fn environment_is_the_weakest() {
+    let with = |args: &[&str], link: Option<&str>, frame: Option<&str>| {
+        let mut command = biss(args);
+        link.map(|link| command.env("BISS_LINK", link));
+        frame.map(|frame| command.env("BISS_FRAME", frame));
+        texts(command.output().unwrap())
+    };
+    assert_eq!(with(&["read"], Some("sim:stuck=1"), None).2, Some(1));
+    assert_eq!(with(&["read", "sim"], Some("sim:stuck=1"), None).2, Some(0));
+    assert!(
+        with(&["read", "sim"], None, Some("mt4,st8,crc5"))
+            .0
+            .contains("turn 0")
+    );
+    assert!(
+        !with(&["read", "sim:frame=pos8,crc5"], None, Some("mt4,st8,crc5"))
+            .0
+            .contains("turn")
+    );
+    let flag = with(
+        &["read", "sim:frame=pos8,crc5", "-f", "pos8,crc4"],
+        None,
+        None,
+    );
+    assert_eq!(
+        flag.2,
+        Some(1),
+        "the flag beats the link, so the CRC does not fit: {}",
+        flag.0
+    );
+}
+
+#[test]
+fn slots_are_absolute_and_missed_ones_counted() {
+    let (stdout, stderr, _) = run("read sim:fast -n 4 -i 1ms -o json");
+    let times: Vec<_> = json(&stdout)
+        .iter()
+        .map(|r| (r["t_ns"].as_u64().unwrap(), r["seq"].as_u64().unwrap()))
+        .collect();
+    assert_eq!(
+        times,
+        [(0, 0), (1_000_000, 1), (2_000_000, 2), (3_000_000, 3)]
+    );
+    assert_eq!(json(&stderr)[0]["rate_hz"], 1000.0);
+    // A frame takes 65 us of its 20 us slots.
+    let (stdout, stderr, _) = run("read sim:fast -n 4 -i 20us -o json");
+    let records = json(&stdout);
+    let skipped = json(&stderr)[0]["skipped"].as_u64().unwrap();
+    let last = records[3]["seq"].as_u64().unwrap();
+    assert!(skipped > 0);
+    assert_eq!(last, 3 + skipped, "{stdout}{stderr}");
+    for record in &records {
+        let (t, seq) = (
+            record["t_ns"].as_u64().unwrap(),
+            record["seq"].as_u64().unwrap(),
+        );
+        assert!(t.abs_diff(seq * 20_000) < 20_000, "{record}");
+    }
+}
+
+#[test]
+fn an_interval_keeps_real_time_on_sim_and_fast_does_not() {
+    let timed = |args: &str| {
+        let start = Instant::now();
+        run(args);
+        start.elapsed()
+    };
+    assert!(timed("read sim -n 6 -i 50ms -q") >= Duration::from_millis(240));
+    assert!(timed("read sim:fast -n 100 -i 1s -q") < Duration::from_secs(50));
+}
+
+#[test]
+fn time_styles() {
+    let (stdout, ..) = run("read sim -n 3 -i 1ms -t delta -o json -q");
+    let deltas: Vec<_> = json(&stdout).iter().map(|r| r["dt_ns"].clone()).collect();
+    assert_eq!(deltas, [0, 1_000_000, 1_000_000]);
+    let (stdout, ..) = run("read sim -t none -o json -q");
+    assert!(
+        !stdout.contains("t_ns") && stdout.starts_with("{\"type\":\"frame\",\"seq\":0"),
+        "{stdout}"
+    );
+    let (stdout, ..) = run("read sim -t none -q");
+    assert!(stdout.starts_with("turn 0"), "{stdout}");
+    let now = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .unwrap()
+        .as_micros() as u64;
+    let (stdout, ..) = run("read sim -t unix -o json -q");
+    let unix = json(&stdout)[0]["t_unix_us"].as_u64().unwrap();
+    assert!(unix.abs_diff(now) < 60_000_000, "{unix} {now}");
+}
+
+#[test]
+fn waits_for_an_encoder_only_so_long() {
+    let (stdout, _, status) = run("read sim:no-ack=97%,seed=2 --wait 60s -q");
+    // The first good frames come late; what is read then may be a fault again, but it was waited for.
+    assert!(!stdout.is_empty() && status != Some(2));
+    let (stdout, _, status) = run("read sim:stuck=1 --wait 1s -q");
+    assert_eq!((stdout.lines().count(), status), (1, Some(1)));
+}
+
+#[test]
+fn retries_repeat_a_bad_frame() {
+    let (stdout, stderr, _) = run("read sim:crc-error=50%,seed=3 -n 50 --retries 20 -o json");
+    let records = json(&stdout);
+    assert!(records.iter().all(|r| r["ok"] == true), "{stdout}");
+    let tries: u64 = records.iter().map(|r| r["tries"].as_u64().unwrap()).sum();
+    let summary = &json(&stderr)[0];
+    assert_eq!(summary["retries"], tries - 50);
+    assert!(tries > 60);
+}
+
+fn spawn(args: &[&str]) -> (Child, BufReader<std::process::ChildStdout>) {
+    let mut child = biss(args)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let stdout = BufReader::new(child.stdout.take().unwrap());
+    (child, stdout)
+}
+
+fn signal(child: &Child, name: &str) {
+    let kill = format!("kill -{name} {}", child.id());
+    assert!(
+        Command::new("sh")
+            .args(["-c", &kill])
+            .status()
+            .unwrap()
+            .success()
+    );
+}
+
+#[test]
+fn ctrl_c_ends_after_the_cycle_with_a_summary() {
+    for (link, want) in [("sim", 0), ("sim:error=1", 1)] {
+        let (mut child, mut stdout) = spawn(&["read", link, "-n", "0", "-i", "5ms", "-o", "json"]);
+        let mut line = String::new();
+        stdout.read_line(&mut line).unwrap();
+        signal(&child, "INT");
+        let mut rest = String::new();
+        stdout.read_to_string(&mut rest).unwrap();
+        let mut stderr = String::new();
+        child
+            .stderr
+            .take()
+            .unwrap()
+            .read_to_string(&mut stderr)
+            .unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(want));
+        let records = json(&(line + &rest)).len() as u64;
+        assert_eq!(json(&stderr)[0]["good"], records, "{stderr}");
+    }
+}
+
+#[test]
+fn ctrl_c_wakes_a_long_wait() {
+    let (mut child, mut stdout) = spawn(&["read", "sim", "-n", "0", "-i", "3600s"]);
+    stdout.read_line(&mut String::new()).unwrap();
+    let start = Instant::now();
+    signal(&child, "INT");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(start.elapsed() < Duration::from_secs(30));
+}
+
+#[test]
+fn sigterm_and_sighup_are_what_it_dies_of() {
+    use std::os::unix::process::ExitStatusExt;
+    for (name, number) in [("TERM", 15), ("HUP", 1)] {
+        let (mut child, mut stdout) = spawn(&["read", "sim", "-n", "0", "-i", "5ms"]);
+        stdout.read_line(&mut String::new()).unwrap();
+        signal(&child, name);
+        let mut rest = String::new();
+        stdout.read_to_string(&mut rest).unwrap();
+        assert!(
+            rest.is_empty() || rest.ends_with('\n'),
+            "a whole number of lines: {rest:?}"
+        );
+        assert_eq!(child.wait().unwrap().signal(), Some(number));
+    }
+}
+
+#[test]
+fn a_broken_pipe_is_a_quiet_end() {
+    let (mut child, mut stdout) = spawn(&["read", "sim", "-n", "0", "-q"]);
+    stdout.read_line(&mut String::new()).unwrap();
+    drop(stdout);
+    let mut stderr = String::new();
+    child
+        .stderr
+        .take()
+        .unwrap()
+        .read_to_string(&mut stderr)
+        .unwrap();
+    assert_eq!(
+        (stderr.as_str(), child.wait().unwrap().code()),
+        ("", Some(0))
+    );
+}
+
+#[test]
+fn colours_only_when_asked_for() {
+    assert!(!run("read sim --color auto").0.contains('\x1b'));
+    assert!(run("read sim --color always").0.contains("\x1b[32mok"));
+    assert!(!run("read sim --color always -o json").0.contains('\x1b'));
+    let ascii = biss(&["read", "sim"]).env("LC_ALL", "C").output().unwrap();
+    assert!(String::from_utf8(ascii.stdout).unwrap().contains("deg  ok"));
+}
+
+#[test]
+fn pinning_to_a_processor_and_refusing_one_that_is_not_there() {
+    assert_eq!(run("read sim --cpu 0 -q").2, Some(0));
+    let (_, stderr, status) = run("read sim --cpu 1000 -q");
+    assert_eq!(status, Some(2));
+    assert!(stderr.contains("processor 1000"), "{stderr}");
+    assert_eq!(run("read sim --rt 100 -q").2, Some(2));
+}
+
+#[test]
+fn a_recording_on_standard_input() {
+    let vcd = std::fs::File::open("tests/recordings/bench.vcd").unwrap();
+    let output = biss(&[
+        "read",
+        "file:-",
+        "-f",
+        "st26,nE,nW,crc6",
+        "-o",
+        "json",
+        "-q",
+    ])
+    .stdin(vcd)
+    .output()
+    .unwrap();
+    let expected = std::fs::read_to_string("tests/recordings/bench.json").unwrap();
+    assert_eq!(texts(output), (expected, String::new(), Some(0)));
+}

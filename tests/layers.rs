@@ -1,0 +1,159 @@
+//! Who may know whom: the hourglass, enforced.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+use std::path::{Path, PathBuf};
+
+fn sources(folder: &str) -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                let text = std::fs::read_to_string(&path).unwrap();
+                // What stands in a module's own tests is not part of the layering.
+                let code = text
+                    .split("#[cfg(test)]")
+                    .next()
+                    .unwrap_or_default()
+                    .to_owned();
+                found.push((path, code));
+            }
+        }
+    }
+    found
+}
+
+/// Files of `src` below which none of `words` may stand.
+fn forbid(files: &[&str], words: &[&str]) {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    for file in files {
+        assert!(root.join(file).exists(), "{file} has moved: say so here");
+    }
+    for (path, code) in sources("src") {
+        let name = path
+            .strip_prefix(&root)
+            .unwrap()
+            .to_string_lossy()
+            .into_owned();
+        if files.contains(&name.as_str()) {
+            for (number, line) in code.lines().enumerate() {
+                let line = line.split("//").next().unwrap_or_default();
+                for word in words {
+                    assert!(
+                        !line.contains(word),
+                        "{name}:{}: {word} in: {line}",
+                        number + 1
+                    );
+                }
+            }
+        }
+    }
+}
+
+const CORE: [&str; 10] = [
+    "crc.rs",
+    "format.rs",
+    "frame.rs",
+    "parse.rs",
+    "protocol.rs",
+    "slave.rs",
+    "slice.rs",
+    "trace.rs",
+    "track.rs",
+    "unit.rs",
+];
+const LINKS: [&str; 6] = [
+    "link/bitbang.rs",
+    "link/file.rs",
+    "link/gpio.rs",
+    "link/sim.rs",
+    "link/spec.rs",
+    "link/spi.rs",
+];
+
+#[test]
+fn the_core_has_no_io_and_no_clock() {
+    forbid(
+        &CORE,
+        &[
+            "crate::link",
+            "crate::master",
+            "std::fs",
+            "std::io",
+            "std::time",
+            "Instant",
+            "std::net",
+            "std::env",
+        ],
+    );
+    forbid(
+        &["master.rs"],
+        &[
+            "std::fs",
+            "std::io",
+            "std::time",
+            "Instant",
+            "gpio",
+            "spidev",
+        ],
+    );
+}
+
+#[test]
+fn the_slave_shares_no_code_with_the_decoder() {
+    forbid(
+        &["slave.rs"],
+        &["crate::frame", "crate::trace", ".of(", "crate::slice"],
+    );
+}
+
+#[test]
+fn links_do_not_know_each_other_nor_what_frames_mean() {
+    for link in LINKS {
+        let kinds: Vec<String> = ["gpio", "spi", "sim", "file"]
+            .iter()
+            .filter(|kind| !link.ends_with(&format!("{kind}.rs")))
+            .flat_map(|kind| [format!("super::{kind}"), format!("link::{kind}")])
+            .collect();
+        let words: Vec<&str> = kinds.iter().map(String::as_str).collect();
+        forbid(&[link], &words);
+        forbid(
+            &[link],
+            &[
+                "crate::frame",
+                "crate::protocol",
+                "crate::master",
+                "crate::track",
+            ],
+        );
+    }
+}
+
+#[test]
+fn only_output_prints_and_only_main_exits() {
+    let all: Vec<(PathBuf, String)> = sources("src");
+    for (path, code) in &all {
+        let name = path.file_name().unwrap().to_string_lossy();
+        for (number, line) in code.lines().enumerate() {
+            let place = format!("{}:{}: {line}", path.display(), number + 1);
+            let prints = ["println!", "print!(", "io::stdout(", "io::stderr("]
+                .iter()
+                .any(|word| line.contains(word));
+            assert!(!prints || name == "output.rs", "{place}");
+            assert!(
+                !line.contains("process::exit")
+                    && (!line.contains("ExitCode") || name == "main.rs"),
+                "{place}"
+            );
+            assert!(!line.contains("unsafe {") || name == "sys.rs", "{place}");
+            let binary = line.contains("anyhow") || line.contains("clap");
+            let in_binary = ["main.rs", "cli.rs", "cmd.rs", "output.rs"].contains(&name.as_ref())
+                || path.parent().is_some_and(|p| p.ends_with("cmd"));
+            assert!(!binary || in_binary, "{place}");
+        }
+    }
+    assert!(all.len() > 20);
+}

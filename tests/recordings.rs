@@ -1,0 +1,348 @@
+//! Recordings of the project's own making, and what `biss read file:` says of them.
+//!
+//! Each is made by the simulated slave and a master written here, edge by edge. BISS_BLESS=1 writes them and their
+//! expected records anew; otherwise both must be as they are.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+use biss::slave::{Config, Slave};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use vcd::{IdCode, TimescaleUnit, Value, Writer};
+
+/// A master's MA, a slave's SLO, and a logic analyser on both.
+struct Bench {
+    slave: Slave,
+    writer: Writer<Vec<u8>>,
+    ma_id: IdCode,
+    slo_id: IdCode,
+    t_ns: u64,
+    slo: bool,
+    half_ns: u64,
+}
+
+impl Bench {
+    fn new(config: &str, half_ns: u64) -> Bench {
+        let config: Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
+        let mut slave = Slave::new(config);
+        let mut writer = Writer::new(Vec::new());
+        writer.timescale(1, TimescaleUnit::NS).unwrap();
+        writer.add_module("bench").unwrap();
+        let ma_id = writer.add_wire(1, "MA").unwrap();
+        let slo_id = writer.add_wire(1, "SLO").unwrap();
+        writer.upscope().unwrap();
+        writer.enddefinitions().unwrap();
+        writer.timestamp(0).unwrap();
+        writer.change_scalar(ma_id, Value::V1).unwrap();
+        let slo = slave.slo(0);
+        writer.change_scalar(slo_id, slo).unwrap();
+        Bench {
+            slave,
+            writer,
+            ma_id,
+            slo_id,
+            t_ns: 0,
+            slo,
+            half_ns,
+        }
+    }
+
+    fn look(&mut self, t_ns: u64) {
+        let slo = self.slave.slo(t_ns);
+        if slo != self.slo {
+            self.slo = slo;
+            self.writer.timestamp(t_ns).unwrap();
+            self.writer.change_scalar(self.slo_id, slo).unwrap();
+        }
+    }
+
+    fn rest(&mut self, ns: u64) -> &mut Bench {
+        let end = self.t_ns + ns;
+        while let Some(at) = self.slave.next_change().filter(|at| *at <= end) {
+            self.look(at);
+        }
+        self.t_ns = end;
+        self
+    }
+
+    fn ma(&mut self, level: bool) -> &mut Bench {
+        self.slave.ma(self.t_ns, level);
+        self.writer.timestamp(self.t_ns).unwrap();
+        self.writer.change_scalar(self.ma_id, level).unwrap();
+        self.look(self.t_ns);
+        self
+    }
+
+    fn clocks(&mut self, edges: usize) -> &mut Bench {
+        let half_ns = self.half_ns;
+        for _ in 0..edges {
+            self.ma(false).rest(half_ns);
+            self.ma(true).rest(half_ns);
+        }
+        self
+    }
+
+    /// Takes MA low for CDM = 1 until the slave is ready, then lets it go.
+    fn cdm(&mut self, ns: u64) -> &mut Bench {
+        self.ma(false).rest(ns);
+        let period_ns = 2 * self.half_ns;
+        self.ma(true).rest(period_ns)
+    }
+
+    fn vcd(&mut self) -> String {
+        self.writer.timestamp(self.t_ns).unwrap();
+        String::from_utf8(self.writer.writer().clone()).unwrap()
+    }
+}
+
+const FRAME: &str = "st26,nE,nW,crc6";
+/// LAT, Ack, start, CDS, 34 bits, stop.
+const EDGES: usize = 39;
+
+/// Without what came before `tick` or after `end`, as a trigger cuts it.
+fn cut(vcd: &str, tick: u64, end: u64) -> String {
+    let (header, body) = vcd.split_once("#0\n").expect("the recording begins at 0");
+    let mut text = header.to_owned();
+    let mut levels: Vec<&str> = Vec::new();
+    let mut now = 0;
+    let mut begun = false;
+    for line in body.lines() {
+        if let Some(t) = line.strip_prefix('#') {
+            now = t.parse().expect("a time");
+            if now >= tick && !begun {
+                begun = true;
+                text.push_str(&format!("#{tick}\n{}\n", levels.join("\n")));
+            }
+            if now > end {
+                break;
+            }
+        }
+        if begun {
+            text.push_str(line);
+            text.push('\n');
+        } else if !line.starts_with('#') {
+            levels.retain(|old| old[1..] != line[1..]);
+            levels.push(line);
+        }
+    }
+    assert!(begun && now > tick);
+    text
+}
+
+fn recordings() -> Vec<(&'static str, &'static str, i32, String)> {
+    let plain = "motion=speed,pos=1000000,timeout=20us,delay=112ns";
+    let mut bench = Bench::new(&format!("{plain},frame={FRAME}"), 500);
+    bench.rest(50_000);
+    for _ in 0..5 {
+        bench.clocks(EDGES).rest(211_000);
+    }
+    let bench_vcd = bench.vcd();
+
+    let mut slow_start = Bench::new(
+        &format!("{plain},busy=1us..4us,warning=40%,error=20%,frame={FRAME}"),
+        500,
+    );
+    slow_start.rest(50_000);
+    for _ in 0..6 {
+        slow_start.clocks(EDGES + 3).rest(60_000);
+    }
+
+    // Three and a bit clocks of delay, a control bit in each gap, which is shorter than three timeouts.
+    let far = format!("motion=count,pos=5,timeout=adaptive,delay=1.6us,cds=1,frame={FRAME}");
+    let mut far = Bench::new(&far, 250);
+    far.rest(50_000);
+    for _ in 0..4 {
+        far.clocks(EDGES + 4).cdm(4_000);
+    }
+    far.clocks(EDGES + 4).rest(50_000);
+
+    let mut faults = Bench::new(&format!("motion=count,pos=77,frame={FRAME}"), 500);
+    faults.rest(50_000);
+    // Good; a level of 14 µs; a pause in which the slave times out; too few clocks; good.
+    faults.clocks(EDGES).rest(50_000);
+    faults
+        .clocks(20)
+        .rest(14_000)
+        .clocks(EDGES - 20)
+        .rest(50_000);
+    faults
+        .clocks(20)
+        .rest(30_000)
+        .clocks(EDGES - 20)
+        .rest(50_000);
+    faults.clocks(EDGES - 3).rest(50_000);
+    faults.clocks(EDGES).rest(50_000);
+
+    let mut noise = Bench::new(
+        &format!("motion=count,crc-error=25%,null=25%,no-ack=20%,seed=3,frame={FRAME}"),
+        500,
+    );
+    noise.rest(50_000);
+    for _ in 0..8 {
+        noise.clocks(EDGES).rest(60_000);
+    }
+
+    let pair = "mt12,st24,nE,nW,crc6+mt12,st24,nE,nW,lc6,crc16";
+    let mut safety = Bench::new(&format!("motion=speed,turn=7,frame={pair}"), 50);
+    safety.rest(50_000);
+    for _ in 0..3 {
+        safety.clocks(5 + 44 + 60).rest(31_250);
+    }
+
+    let mut absent = Bench::new(&format!("stuck=1,frame={FRAME}"), 500);
+    absent.rest(50_000);
+    for _ in 0..2 {
+        absent.clocks(48).rest(30_000);
+    }
+
+    vec![
+        ("bench", FRAME, 0, bench_vcd.clone()),
+        ("cut", FRAME, 1, cut(&bench_vcd, 60_700, 1_070_000)),
+        ("flags", FRAME, 1, slow_start.vcd()),
+        ("far", FRAME, 0, far.vcd()),
+        ("faults", FRAME, 1, faults.vcd()),
+        ("noise", FRAME, 1, noise.vcd()),
+        ("safety", pair, 0, safety.vcd()),
+        ("absent", FRAME, 1, absent.vcd()),
+    ]
+}
+
+fn path(name: &str, kind: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/recordings")
+        .join(format!("{name}.{kind}"))
+}
+
+fn compare(path: &Path, made: &str) {
+    if std::env::var_os("BISS_BLESS").is_some() {
+        std::fs::write(path, made).unwrap();
+    }
+    let kept = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    assert!(
+        kept == made,
+        "{} differs; made now:\n{made}",
+        path.display()
+    );
+}
+
+#[test]
+fn recordings_decode_to_their_records() {
+    for (name, frame, status, vcd) in recordings() {
+        compare(&path(name, "vcd"), &vcd);
+        let link = format!("file:{}", path(name, "vcd").display());
+        let output = Command::new(env!("CARGO_BIN_EXE_biss"))
+            .args(["read", &link, "-f", frame, "-o", "json", "-q"])
+            .env_remove("BISS_FRAME")
+            .output()
+            .unwrap();
+        let records = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            output.stderr.is_empty(),
+            "{name}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        compare(&path(name, "json"), &records);
+        assert_eq!(output.status.code(), Some(status), "{name}: {records}");
+    }
+}
+
+/// The positions that the slave latched, not what an earlier run printed.
+#[test]
+fn the_expected_records_are_true() {
+    let read = |name: &str| std::fs::read_to_string(path(name, "json")).unwrap();
+    let values = |name: &str, key: &str| -> Vec<serde_json::Value> {
+        let parse = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap();
+        read(name)
+            .lines()
+            .map(parse)
+            .filter_map(|r| r.get(key).cloned())
+            .collect()
+    };
+    assert_eq!(values("far", "pos"), [5, 6, 7, 8, 9]);
+    assert_eq!(values("far", "delay_ns"), [1600; 5]);
+    assert_eq!(values("far", "cds"), [1; 5]);
+    assert_eq!(values("bench", "delay_ns"), [112; 5]);
+    assert_eq!(
+        values("bench", "t_ns"),
+        [0, 250_000, 500_000, 750_000, 1_000_000]
+    );
+    // One revolution a second, latched half a clock after each start.
+    let pos = |t_ns: f64| 1_000_000 + ((t_ns + 500.0) / 1e9 * 67_108_864.0) as u64;
+    let want: Vec<u64> = (0..5)
+        .map(|i| pos(50_000.0 + 250_000.0 * f64::from(i)))
+        .collect();
+    assert_eq!(values("bench", "pos"), want);
+    assert_eq!(values("cut", "pos"), want[1..4]);
+    assert_eq!(values("cut", "fault"), ["short", "short"]);
+    assert_eq!(values("faults", "pos"), [77, 82]);
+    assert_eq!(
+        values("faults", "fault"),
+        ["stalled", "short", "short", "short"]
+    );
+    assert_eq!(values("absent", "fault"), ["no-ack", "no-ack"]);
+    assert_eq!(values("safety", "lc"), [1, 2, 3]);
+    assert_eq!(values("safety", "turn"), [7; 6]);
+}
+
+#[test]
+fn damaged_files_name_the_line_after_what_was_good() {
+    let vcd = std::fs::read_to_string(path("bench", "vcd")).unwrap();
+    let lines: Vec<&str> = vcd.lines().collect();
+    let middle = lines.len() / 2;
+    let damaged = format!(
+        "{}\nwhat?\n{}",
+        lines[..middle].join("\n"),
+        lines[middle..].join("\n")
+    );
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("damaged.vcd");
+    std::fs::write(&file, damaged).unwrap();
+    let run = |text: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_biss"))
+            .args(["read", text, "-f", FRAME, "-o", "json", "-q"])
+            .output()
+            .unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (
+            text(output.stdout),
+            text(output.stderr),
+            output.status.code(),
+        )
+    };
+    let (stdout, stderr, status) = run(&format!("file:{}", file.display()));
+    assert_eq!(status, Some(2));
+    assert!(stderr.contains(&format!("line {}", middle + 1)), "{stderr}");
+    let expected = std::fs::read_to_string(path("bench", "json")).unwrap();
+    let records: Vec<&str> = stdout.lines().collect();
+    assert_eq!(records[..2], expected.lines().collect::<Vec<_>>()[..2]);
+    assert_eq!(records.len(), 3, "{stdout}");
+    assert!(
+        records[2].contains("\"fault\":\"short\""),
+        "the frame that was cut: {}",
+        records[2]
+    );
+}
+
+#[test]
+fn signals_are_found_by_name_or_listed() {
+    let vcd = std::fs::read_to_string(path("bench", "vcd"))
+        .unwrap()
+        .replace(" MA ", " D0 ")
+        .replace(" SLO ", " D1 ");
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("renamed.vcd");
+    std::fs::write(&file, vcd).unwrap();
+    let run = |options: &str| {
+        let link = format!("file:{}{options}", file.display());
+        Command::new(env!("CARGO_BIN_EXE_biss"))
+            .args(["read", &link, "-f", FRAME, "-q"])
+            .output()
+            .unwrap()
+    };
+    let unnamed = run("");
+    assert_eq!(unnamed.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&unnamed.stderr);
+    assert!(
+        said.contains("bench.D0, bench.D1") && said.contains("ma=NAME"),
+        "{said}"
+    );
+    assert_eq!(run(",ma=D0,slo=bench.D1").status.code(), Some(0));
+    assert_eq!(run(",ma=D0,slo=D0").status.code(), Some(2));
+}
