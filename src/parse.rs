@@ -37,6 +37,15 @@ impl ParseError {
         }
     }
 
+    /// The same complaint about bytes `span` of another text.
+    pub(crate) fn about(self, text: &str, span: Range<usize>) -> Self {
+        ParseError {
+            text: text.to_owned(),
+            span,
+            ..self
+        }
+    }
+
     /// The bytes of the text that are wrong.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()

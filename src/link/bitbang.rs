@@ -37,6 +37,7 @@ pub struct Bang<P> {
     phase: Phase,
     /// For each rising edge of the frame: before the call that made it, and after the sample that belongs to it.
     times: Vec<(u64, u64)>,
+    scratch: Vec<u64>,
     ma_high: bool,
     last_edge_ns: u64,
     /// The last frame ended with its stop bit seen as 0, so SL = 1 means ready. Else SL = 1 may be a data bit
@@ -64,6 +65,7 @@ impl<P: Pins> Bang<P> {
             measured_ns: None,
             phase: Phase::Whole,
             times: Vec::with_capacity(MAX_CLOCKS),
+            scratch: Vec::with_capacity(MAX_CLOCKS),
             ma_high: true,
             last_edge_ns,
             stop_seen: false,
@@ -145,7 +147,7 @@ impl<P: Pins> Bang<P> {
         let mut search = Search::new(clocks.until);
         let first_fall = self.edge(false)?;
         trace.t_ns = first_fall.before;
-        let (mut fall, mut rise, mut first_rise) = (first_fall, None::<Edge>, None::<u64>);
+        let (mut fall, mut rise) = (first_fall, None::<Edge>);
         let mut due = first_fall.before;
         let mut edge = 0u16;
         self.times.clear();
@@ -165,15 +167,10 @@ impl<P: Pins> Bang<P> {
                 trace.reference_ns =
                     u32::try_from(now.before.saturating_sub(first_fall.after)).ok();
             }
-            first_rise.get_or_insert(now.before);
             rise = Some(now);
             if edge >= search.end() {
                 self.last_bit(clocks, edge, now, &mut search, trace)?;
-                trace.late = self.latest(&search);
-                let run = now.before - first_rise.unwrap_or(now.before);
-                self.measured_ns = (edge > 1)
-                    .then(|| run / u64::from(edge - 1))
-                    .or(self.measured_ns);
+                self.judge_times(&search, trace);
                 return Ok(search);
             }
             due = self.after(due, now, length(2 * u32::from(edge) - 1));
@@ -226,25 +223,37 @@ impl<P: Pins> Bang<P> {
         level
     }
 
-    /// How much later than usual the latest sample came after the edge that had set its bit, which is as many edges
-    /// back as the line delay has whole clocks. With less than a clock, nothing newer can have arrived.
-    fn latest(&self, search: &Search) -> Option<Level> {
+    /// What the times of the edges and samples say about the frame: its period, as far as pauses leave one, and the
+    /// latest sample.
+    fn judge_times(&mut self, search: &Search, trace: &mut Trace) {
+        let rises = self.times.windows(2).map(|pair| pair[1].0 - pair[0].0);
+        let period = median(&mut self.scratch, rises);
+        self.measured_ns = period.or(self.measured_ns);
+        trace.ma_period_ns = period.unwrap_or(self.period_ns).try_into().ok();
+        trace.late = self.latest(search);
+    }
+
+    /// How much later than usual in this frame the latest sample came after the edge that had set its bit, which is as
+    /// many edges back as the line delay has whole clocks. With less than a clock, nothing newer can have arrived.
+    fn latest(&mut self, search: &Search) -> Option<Level> {
         let delay_clk = usize::from(search.ack?.checked_sub(2).filter(|clocks| *clocks > 0)?);
-        let (set_ns, read_ns) = self.pins.cost_ns();
-        let into_bit = (self.period_ns * self.phase as u64 / 4).max(set_ns + read_ns);
-        let usual = self.period_ns * delay_clk as u64 + into_bit;
-        let sent = self.times.iter().map(|(rise, _)| rise);
-        let lateness = self.times.iter().skip(delay_clk).zip(sent).enumerate().map(
-            |(index, ((_, read), sent))| {
-                let ns = (read - sent).saturating_sub(usual);
-                // The first sample is that of edge 2.
-                Level {
-                    ns: u32::try_from(ns).unwrap_or(u32::MAX),
-                    edge: (index + delay_clk + 2) as u16,
-                }
-            },
-        );
-        lateness.max_by_key(|level| level.ns)
+        let times = &self.times;
+        let sampled_after = || {
+            let sent = times.iter().map(|(rise, _)| rise);
+            times
+                .iter()
+                .skip(delay_clk)
+                .zip(sent)
+                .map(|((_, read), sent)| read - sent)
+        };
+        let usual = median(&mut self.scratch, sampled_after())?;
+        let (index, latest) = sampled_after().enumerate().max_by_key(|(_, ns)| *ns)?;
+        let ns = u32::try_from(latest - usual).unwrap_or(u32::MAX);
+        // The first sample is that of edge 2.
+        Some(Level {
+            ns,
+            edge: (index + delay_clk + 2) as u16,
+        })
     }
 
     /// The last bit has no edge after it. CDM = 1 takes MA low half a period after its edge.
@@ -297,6 +306,14 @@ impl<P: Pins> Bang<P> {
         }
         self.edge(true).map(drop)
     }
+}
+
+/// The middle one of some spans, which a few long ones do not change.
+fn median(scratch: &mut Vec<u64>, spans: impl Iterator<Item = u64>) -> Option<u64> {
+    scratch.clear();
+    scratch.extend(spans);
+    let middle = scratch.len() / 2;
+    (!scratch.is_empty()).then(|| *scratch.select_nth_unstable(middle).1)
 }
 
 /// Between two looks at SL while nothing else happens.

@@ -164,12 +164,18 @@ impl Parser<'_> {
     fn unknown(&self, item: &Item, known: &str) -> ParseError {
         let key = item.pair().map_or(item.text.as_str(), |(key, _)| key);
         let what = format!("`{}` has no option `{key}`", self.kind);
-        ParseError::new(
-            self.text,
-            item.at..item.at + key.len().min(item.len),
-            what,
-            format!("known are {known} frame="),
-        )
+        let hint = format!("known are {known} frame=");
+        self.inside(item, ParseError::new(key, 0..key.len(), what, hint), 0)
+    }
+
+    /// An error about a part of an item, which starts `at` bytes into it. An item with a backslash reads otherwise
+    /// than it stands there, so it is marked whole.
+    fn inside(&self, item: &Item, error: ParseError, at: usize) -> ParseError {
+        if self.text[item.at..item.at + item.len] == item.text {
+            error.within(self.text, item.at + at)
+        } else {
+            error.about(self.text, item.at..item.at + item.len)
+        }
     }
 
     fn missing(&self, what: &str) -> ParseError {
@@ -244,17 +250,12 @@ impl Parser<'_> {
                 None if item.text == "fast" => fast = true,
                 pair => {
                     let (key, value) = pair.unwrap_or((&item.text, ""));
-                    let placed = |e: ParseError| {
-                        let value_at = if e.span().end <= value.len()
-                            && pair.is_some()
-                            && Config::knows(key)
-                        {
-                            key.len() + 1
-                        } else {
-                            0
-                        };
-                        e.within(self.text, item.at + value_at)
+                    let value_at = if Config::knows(key) && pair.is_some() {
+                        key.len() + 1
+                    } else {
+                        0
                     };
+                    let placed = |e: ParseError| self.inside(&item, e, value_at);
                     config.set(key, value).map_err(placed)?;
                 }
             }
