@@ -396,6 +396,10 @@ impl BissC {
         if trace.headless {
             return Err(short(self.least_bits().max(have.saturating_add(1))));
         }
+        // A frame in which MA stood still shows nothing, not even that nobody answers.
+        if let Some(fault) = self.stalled(trace) {
+            return Err(fault);
+        }
         let whole = have >= self.least_bits();
         let ack_limit = search_clocks(self.ack_limit_ns, trace.ma_period_ns);
         let start_limit = search_clocks(self.busy_limit_ns, trace.ma_period_ns);
@@ -409,9 +413,6 @@ impl BissC {
             });
         };
         let delay_clk = (ack_at - 1) as u16;
-        if let Some(fault) = self.stalled(trace) {
-            return Err(fault);
-        }
         let late = trace
             .delay_ns
             .is_some_and(|ns| u64::from(ns) > u64::from(ack_limit) * period(trace));

@@ -162,8 +162,12 @@ impl<'a> Master<'a> {
         if !self.link.caps().live {
             return Ok(true);
         }
-        self.choose_phase()?;
+        if self.link.caps().times_levels {
+            // The clock is measured on frames.
+            self.learn()?;
+        }
         self.link.measure_clock()?;
+        self.choose_phase()?;
         self.learn()?;
         Ok(self.learned().is_some())
     }
@@ -178,11 +182,11 @@ impl<'a> Master<'a> {
 
     fn learn(&mut self) -> Result<(), Error> {
         for _ in 0..LEARNING_FRAMES {
-            self.attempt(0)?;
-            self.judge();
             if self.learned().is_some() {
                 break;
             }
+            self.attempt(0)?;
+            self.judge();
         }
         Ok(())
     }
@@ -343,7 +347,6 @@ impl<'a> Master<'a> {
             self.patience = (self.patience * 2).min(1_000);
             let (trace, cycle) = (self.trace.clone(), self.cycle.clone());
             self.choose_phase()?;
-            self.link.measure_clock()?;
             self.learn()?;
             (self.trace, self.cycle) = (trace, cycle);
         }
@@ -447,6 +450,7 @@ impl<'a> Master<'a> {
             self.phase = phase;
             self.link.set_phase(phase)?;
             self.link.set_clock(self.asked)?;
+            self.link.measure_clock()?;
         }
         Ok(())
     }

@@ -35,8 +35,12 @@ pub struct Bang<P> {
     period_ns: u64,
     measured_ns: Option<u64>,
     phase: Phase,
-    /// For each rising edge of the frame: before the call that made it, and after the sample that belongs to it.
-    times: Vec<(u64, u64)>,
+    /// How long setting MA takes. The pins' own figure is of calls that change nothing, until frames have been run.
+    set_ns: u64,
+    /// The user has not asked for a clock.
+    usual_clock: bool,
+    /// The rising edges of the frame that were sampled.
+    times: Vec<Sampled>,
     scratch: Vec<u64>,
     ma_high: bool,
     last_edge_ns: u64,
@@ -51,18 +55,24 @@ pub const REST_NS: u64 = 40_000;
 /// 250 kHz: the slowest clock that every slave must take (D2 Table 10).
 const USUAL_PERIOD_NS: u64 = 4_000;
 
+/// An adaptive slave's timeout is 1.5 periods less a call, a period can last a call more than was meant: below four
+/// calls a period nothing could be proven. A fifth gives room.
+fn usual_period_ns(set_ns: u64) -> u64 {
+    USUAL_PERIOD_NS.max(5 * set_ns)
+}
+
 impl<P: Pins> Bang<P> {
     /// Takes over pins whose MA has just been driven high.
     pub fn new(pins: P) -> Bang<P> {
-        let (set, _) = pins.cost_ns();
-        // An adaptive slave's timeout is 1.5 periods less a call, a period can last a call more than was meant:
-        // below four calls a period nothing could be proven. A fifth gives room.
-        let period_ns = USUAL_PERIOD_NS.max(5 * set);
+        let (set_ns, _) = pins.cost_ns();
+        let period_ns = usual_period_ns(set_ns);
         let last_edge_ns = pins.now_ns();
         Bang {
             pins,
             period_ns,
             measured_ns: None,
+            set_ns,
+            usual_clock: true,
             phase: Phase::Whole,
             times: Vec::with_capacity(MAX_CLOCKS),
             scratch: Vec::with_capacity(MAX_CLOCKS),
@@ -186,8 +196,7 @@ impl<P: Pins> Bang<P> {
     /// When the next edge is due: a level after the last one was, and never so soon that a call that took too long
     /// would take the level's length, in which SL has to arrive, away.
     fn after(&self, due: u64, edge: Edge, length: u64) -> u64 {
-        let (set_ns, _) = self.pins.cost_ns();
-        (due + length).max(edge.after.saturating_sub(set_ns) + length)
+        (due + length).max(edge.after.saturating_sub(self.set_ns) + length)
     }
 
     /// Reads what rising edge number `edge` has set, not before the phase's place in the bit, in time for the MA edge
@@ -212,21 +221,27 @@ impl<P: Pins> Bang<P> {
     }
 
     fn sample(&mut self, rise: Edge, due: Option<u64>) -> Result<bool, Error> {
-        let (set_ns, read_ns) = self.pins.cost_ns();
+        let (_, read_ns) = self.pins.cost_ns();
         let into_bit = self.period_ns * self.phase as u64 / 4;
-        let place = rise.after.saturating_sub(set_ns) + into_bit;
+        let place = rise.after.saturating_sub(self.set_ns) + into_bit;
         let with_edge = matches!(self.phase, Phase::Half | Phase::Whole);
         let at = due.filter(|_| with_edge).unwrap_or(place);
         self.pins.until(at.saturating_sub(read_ns));
         let level = self.pins.sl();
-        self.times.push((rise.before, self.pins.now_ns()));
+        self.times.push(Sampled {
+            edge: rise,
+            read: self.pins.now_ns(),
+        });
         level
     }
 
     /// What the times of the edges and samples say about the frame: its period, as far as pauses leave one, and the
     /// latest sample.
     fn judge_times(&mut self, search: &Search, trace: &mut Trace) {
-        let rises = self.times.windows(2).map(|pair| pair[1].0 - pair[0].0);
+        let rises = self
+            .times
+            .windows(2)
+            .map(|pair| pair[1].edge.before - pair[0].edge.before);
         let period = median(&mut self.scratch, rises);
         self.measured_ns = period.or(self.measured_ns);
         trace.ma_period_ns = period.unwrap_or(self.period_ns).try_into().ok();
@@ -239,12 +254,9 @@ impl<P: Pins> Bang<P> {
         let delay_clk = usize::from(search.ack?.checked_sub(2).filter(|clocks| *clocks > 0)?);
         let times = &self.times;
         let sampled_after = || {
-            let sent = times.iter().map(|(rise, _)| rise);
-            times
-                .iter()
-                .skip(delay_clk)
-                .zip(sent)
-                .map(|((_, read), sent)| read - sent)
+            let late = times.iter().skip(delay_clk);
+            late.zip(times)
+                .map(|(sampled, sent)| sampled.read - sent.edge.before)
         };
         let usual = median(&mut self.scratch, sampled_after())?;
         let (index, latest) = sampled_after().enumerate().max_by_key(|(_, ns)| *ns)?;
@@ -319,8 +331,15 @@ fn median(scratch: &mut Vec<u64>, spans: impl Iterator<Item = u64>) -> Option<u6
 /// Between two looks at SL while nothing else happens.
 const POLL_NS: u64 = 500;
 
+/// A rising edge, and when the sample that belongs to it had been taken.
+#[derive(Clone, Copy, Debug)]
+struct Sampled {
+    edge: Edge,
+    read: u64,
+}
+
 /// The call that made an edge, from before to after.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Edge {
     before: u64,
     after: u64,
@@ -406,9 +425,28 @@ impl<P: Pins> Link for Bang<P> {
     }
 
     fn set_clock(&mut self, hz: Hertz) -> Result<Clock, Error> {
-        let (set, get) = self.pins.cost_ns();
-        self.period_ns = hz.period_ns().max(2 * set + get).max(2);
+        let (_, read_ns) = self.pins.cost_ns();
+        self.usual_clock = false;
+        self.period_ns = hz.period_ns().max(2 * self.set_ns + read_ns).max(2);
         self.measured_ns = None;
+        Ok(self.clock())
+    }
+
+    /// From the last frame: calls that move a line can take longer than those that were timed at the start, and then
+    /// the clock is slower than was asked for.
+    fn measure_clock(&mut self) -> Result<Clock, Error> {
+        let calls = self
+            .times
+            .iter()
+            .map(|sampled| sampled.edge.after - sampled.edge.before);
+        if let Some(set_ns) = median(&mut self.scratch, calls) {
+            self.set_ns = set_ns;
+        }
+        let (_, read_ns) = self.pins.cost_ns();
+        self.period_ns = match self.usual_clock {
+            true => usual_period_ns(self.set_ns),
+            false => self.period_ns.max(2 * self.set_ns + read_ns),
+        };
         Ok(self.clock())
     }
 
