@@ -66,7 +66,7 @@ pub(crate) struct Read {
     pub(crate) clock: Option<Hertz>,
 
     /// Number of frames, 0 for no end [default: 1, all of a recording]
-    #[arg(short = 'n', long, value_name = "N")]
+    #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) count: Option<u64>,
 
     /// From start to start; missed slots are skipped and counted [default: back to back]
@@ -173,6 +173,13 @@ impl FromStr for Timeout {
             });
         }
         let (min, max) = Nanos::range(text)?;
+        if min.0 == 0 {
+            return Err(ParseError::usage(
+                text,
+                "a timeout of 0 ends every frame at once",
+                "write it like 12us..40us",
+            ));
+        }
         let max = max.unwrap_or(min.max(TIMEOUT_MAX));
         let min_ns = u32::try_from(min.0).unwrap_or(u32::MAX);
         Ok(Timeout {

@@ -5,7 +5,7 @@
 
 use crate::format::{Channel, Format, MAX_CHANNELS};
 use crate::protocol::{Ability, Protocol};
-use crate::trace::{Bits, Clocks, MAX_CLOCKS, Trace, Until};
+use crate::trace::{Bits, Clocks, Cut, MAX_CLOCKS, Trace, Until};
 use std::fmt;
 
 /// What the wire said wrong. Every number is what was seen, in the unit of its name.
@@ -388,13 +388,13 @@ impl BissC {
             have_bits: have,
             want_bits: want,
         };
+        if trace.cut == Some(Cut::Begin) {
+            return Err(short(self.least_bits().max(have.saturating_add(1))));
+        }
         if trace.idle == Some(false) || bits.get(0) == Some(false) {
             return Err(Fault::NotReady {
                 waited_ns: trace.waited_ns,
             });
-        }
-        if trace.headless {
-            return Err(short(self.least_bits().max(have.saturating_add(1))));
         }
         // A frame in which MA stood still shows nothing, not even that nobody answers.
         if let Some(fault) = self.stalled(trace) {

@@ -81,7 +81,12 @@ pub enum Phase {
 
 impl fmt::Display for Phase {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}/4", *self as u8)
+        f.write_str(match self {
+            Phase::Quarter => "a quarter of a clock after each rising MA edge",
+            Phase::Half => "with each falling MA edge",
+            Phase::ThreeQuarters => "three quarters of a clock after each rising MA edge",
+            Phase::Whole => "just before the next rising MA edge",
+        })
     }
 }
 

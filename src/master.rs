@@ -6,7 +6,7 @@
 use crate::frame::{Cycle, Fault};
 use crate::link::{Clock, Error, Link, Phase};
 use crate::protocol::{Ability, Protocol};
-use crate::trace::{Ask, Clocks, Trace, Until};
+use crate::trace::{Ask, Clocks, Cut, Trace, Until};
 use crate::track::{Tracker, Verdict};
 use crate::unit::Hertz;
 
@@ -81,6 +81,8 @@ pub enum Slot {
         /// 1, and one more for each repetition.
         tries: u32,
     },
+    /// A piece of a cycle, cut by the recording's beginning or end: no frame, and no fault of the wire.
+    Piece(Cut),
     /// The recording is over.
     Ended,
 }
@@ -203,6 +205,13 @@ impl<'a> Master<'a> {
             if !self.attempt(at_ns)? {
                 return Ok(Slot::Ended);
             }
+            if let Some(cut) = self
+                .trace
+                .cut
+                .filter(|_| matches!(self.cycle.fault(), Some(Fault::Short { .. })))
+            {
+                return Ok(Slot::Piece(cut));
+            }
             tries += 1;
             let doubt = self.judge();
             let fault = self.fault();
@@ -254,7 +263,7 @@ impl<'a> Master<'a> {
     /// Runs and decodes one cycle. False at the end of a recording.
     fn attempt(&mut self, at_ns: u64) -> Result<bool, Error> {
         let caps = self.link.caps();
-        if caps.live && self.unsettled && !self.settle()? {
+        if caps.live && self.unsettled && !self.settle(at_ns)? {
             return Ok(true);
         }
         let clocks = self.protocol.request(&self.ability());
@@ -278,14 +287,19 @@ impl<'a> Master<'a> {
     }
 
     /// The rest after a fault; where SL can be seen and stays 0, INIT, and only then is the slave not ready.
-    fn settle(&mut self) -> Result<bool, Error> {
-        let began = self.link.now_ns();
+    fn settle(&mut self, at_ns: u64) -> Result<bool, Error> {
         let ready = self
             .protocol
             .request(&self.ability())
             .ready_ns
             .map_or(REST_NS, u64::from)
             .max(REST_NS);
+        // The look belongs to the slot, not to the end of the one before.
+        let early = at_ns.saturating_sub(self.link.now_ns() + ready);
+        if early > 0 {
+            self.link.idle(early)?;
+        }
+        let began = self.link.now_ns();
         if self.link.idle(REST_NS)? != Some(false)
             || self.link.idle(ready - REST_NS)? != Some(false)
         {
@@ -339,8 +353,12 @@ impl<'a> Master<'a> {
             self.patience = 3;
             return Ok(());
         }
-        // A stall says nothing about the phase.
-        self.faults_in_row += u32::from(!matches!(self.fault(), Some(Fault::Stalled { .. })));
+        // A stall, and a busy time that wanders, say nothing about the phase.
+        let of_phase = !matches!(
+            self.fault(),
+            Some(Fault::Stalled { .. } | Fault::Mismatch { .. })
+        );
+        self.faults_in_row += u32::from(of_phase);
         if self.faults_in_row >= self.patience && !self.link.caps().phases.is_empty() {
             self.faults_in_row = 0;
             // A dead line stays dead: look more and more rarely.

@@ -65,13 +65,12 @@ enum Time {
 const FLUSH_EVERY: Duration = Duration::from_millis(50);
 
 impl Printer {
-    /// `unix_us` are the microseconds since 1970 at time 0 of the link's clock.
+    /// For records of one format.
     pub(crate) fn new(
         format: OutputFormat,
         style: TimeStyle,
         color: ColorWhen,
         verbose: bool,
-        unix_us: i128,
     ) -> Printer {
         let color = format == OutputFormat::Text
             && match color {
@@ -89,13 +88,18 @@ impl Printer {
                 style,
                 first_ns: None,
                 last_ns: 0,
-                unix_us,
+                unix_us: 0,
             },
             color,
             degree: if utf8_locale() { "°" } else { "deg" },
             verbose,
             flushed: Instant::now(),
         }
+    }
+
+    /// Time 0 of the link's clock, in microseconds since 1970.
+    pub(crate) fn epoch(&mut self, unix_us: i128) {
+        self.stamp.unix_us = unix_us;
     }
 
     /// One record a channel, or one for a cycle that is a fault as a whole.
@@ -298,13 +302,16 @@ impl Good<'_> {
 
     /// The angle of a single-turn position and as many decimals as its resolution needs.
     fn degrees(&self) -> Option<(f64, usize)> {
+        /// More than a 64-bit float can tell apart in 360 degrees.
+        const MOST: i32 = 13;
         let field = self.channel.find(|kind| *kind == Kind::SingleTurn)?;
         let range = 2f64.powi(field.bits().into());
-        let digits = (range / 360.0).log10().ceil().max(-1.0) as i32 + 1;
-        Some((
-            field.get(self.data) as f64 / range * 360.0,
-            digits.max(0) as usize,
-        ))
+        let digits = ((range / 360.0).log10().ceil().max(-1.0) as i32 + 1).min(MOST);
+        let scale = 10f64.powi(digits);
+        // Cut off, not rounded, where rounding would make a full turn of it.
+        let scaled = field.get(self.data) as f64 / range * 360.0 * scale;
+        let scaled = scaled.round().min(360.0 * scale - 1.0);
+        Some((scaled / scale, digits.max(0) as usize))
     }
 }
 
@@ -358,9 +365,8 @@ impl Good<'_> {
         if let Some(field) = self.channel.find(|kind| *kind == Kind::Life) {
             map.serialize_entry("lc", &field.get(self.data))?;
         }
-        if let Some((degrees, digits)) = self.degrees() {
-            let scale = 10f64.powi(digits as i32);
-            map.serialize_entry("deg", &((degrees * scale).round() / scale))?;
+        if let Some((degrees, _)) = self.degrees() {
+            map.serialize_entry("deg", &degrees)?;
         }
         if let Some(error) = self.channel.error(self.data) {
             map.serialize_entry("error", &error)?;
@@ -507,7 +513,11 @@ impl Summary {
 impl Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let faults: u64 = self.faults.iter().sum();
-        write!(f, "{} good, {faults} faults", self.good)?;
+        write!(
+            f,
+            "{} frames, {} good, {faults} faults",
+            self.cycles, self.good
+        )?;
         let mut before = " (";
         for (name, count) in self.kinds() {
             write!(f, "{before}{count} {name}")?;
@@ -544,6 +554,7 @@ impl Serialize for Summary {
         }
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("type", "summary")?;
+        map.serialize_entry("frames", &self.cycles)?;
         map.serialize_entry("good", &self.good)?;
         map.serialize_entry("faults", &Kinds(self))?;
         map.serialize_entry("error", &self.error)?;

@@ -28,6 +28,11 @@ impl ParseError {
         }
     }
 
+    /// A complaint about all of `text`.
+    pub fn usage(text: &str, what: &str, hint: &str) -> Self {
+        ParseError::new(text, 0..text.len(), what, hint)
+    }
+
     /// The same complaint, seen inside a longer text in which `self`'s text starts at byte `at`.
     pub(crate) fn within(self, outer: &str, at: usize) -> Self {
         ParseError {
@@ -44,6 +49,12 @@ impl ParseError {
             span,
             ..self
         }
+    }
+
+    /// With more to its hint.
+    pub(crate) fn also(mut self, hint: &str) -> Self {
+        self.hint.push_str(hint);
+        self
     }
 
     /// The bytes of the text that are wrong.

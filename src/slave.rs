@@ -160,7 +160,7 @@ impl Config {
             .any(|(keys, _)| keys.split(' ').any(|known| known == key))
     }
 
-    /// Sets one `KEY=VAL`.
+    /// Sets one `KEY=VAL`; `motion` and `timeout` come before the keys that say more about them.
     ///
     /// # Errors
     /// An unknown key, naming the known ones, or a value that does not fit its key.
@@ -198,28 +198,23 @@ impl Config {
                     _ => return Err(wrong("still|count|speed|sine")),
                 }
             }
-            "rpm" => self.motion = Motion::Speed(decimal("N, such as 60 or -0.5")?),
-            "degrees" => {
-                let period = match self.motion {
-                    Motion::Sine { period, .. } => period,
-                    _ => Nanos(1_000_000_000),
-                };
-                self.motion = Motion::Sine {
-                    degrees: decimal("N, such as 90")?,
-                    period,
-                };
-            }
-            "period" => {
-                let degrees = match self.motion {
-                    Motion::Sine { degrees, .. } => degrees,
-                    _ => 90.0,
-                };
-                let period: Nanos = value.parse()?;
-                if period.0 == 0 {
-                    return Err(wrong("TIME above 0"));
+            "rpm" => match self.motion {
+                Motion::Speed(_) => self.motion = Motion::Speed(decimal("N, such as 60 or -0.5")?),
+                _ => return Err(wrong("… only with motion=speed")),
+            },
+            "degrees" => match &mut self.motion {
+                Motion::Sine { degrees, .. } => *degrees = decimal("N, such as 90")?,
+                _ => return Err(wrong("… only with motion=sine")),
+            },
+            "period" => match &mut self.motion {
+                Motion::Sine { period, .. } => {
+                    *period = value.parse()?;
+                    if period.0 == 0 {
+                        return Err(wrong("TIME above 0"));
+                    }
                 }
-                self.motion = Motion::Sine { degrees, period };
-            }
+                _ => return Err(wrong("… only with motion=sine")),
+            },
             "timeout" => {
                 self.timeout = match value {
                     "adaptive" => Timeout::Adaptive {
@@ -229,11 +224,10 @@ impl Config {
                     _ => Timeout::Static(value.parse()?),
                 }
             }
-            "tclk" => {
-                self.timeout = Timeout::Adaptive {
-                    sample_clock: value.parse()?,
-                }
-            }
+            "tclk" => match &mut self.timeout {
+                Timeout::Adaptive { sample_clock } => *sample_clock = value.parse()?,
+                _ => return Err(wrong("… only with timeout=adaptive")),
+            },
             "timer" => {
                 self.rising_only = match value {
                     "any" => false,

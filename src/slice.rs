@@ -3,7 +3,7 @@
 //! A cycle ends where the slave says so, when SL returns to 1 while MA rests, or when MA has rested longer than
 //! any timeout. A pause that is neither stays inside its cycle, where it is found as a stall.
 
-use crate::trace::{MAX_CLOCKS, Trace};
+use crate::trace::{Cut, MAX_CLOCKS, Trace};
 use std::collections::VecDeque;
 
 /// Cuts a waveform into traces. Feed it levels in order of time with [`Slicer::push`] and take the cycles from
@@ -40,6 +40,7 @@ struct Edges {
     idle: Option<bool>,
     idle_since: Option<u64>,
     headless: bool,
+    tailless: bool,
     falls: Vec<u64>,
     rises: Vec<u64>,
     /// SL changes, the first entry is the level when the cycle began.
@@ -144,6 +145,7 @@ impl Slicer {
         self.settle(t_ns);
         self.t_ns = t_ns;
         if self.state != State::Rest {
+            self.cycle.tailless = true;
             self.end(t_ns, None);
         }
     }
@@ -279,7 +281,11 @@ fn sample(edges: &Edges, trace: &mut Trace) {
         .copied()
         .unwrap_or(0);
     trace.idle = edges.idle;
-    trace.headless = edges.headless;
+    trace.cut = match (edges.headless, edges.tailless) {
+        (true, _) => Some(Cut::Begin),
+        (false, true) => Some(Cut::End),
+        (false, false) => None,
+    };
     trace.cdm = edges.cdm;
     trace.ready_ns = edges.ready_ns.and_then(|ns| u32::try_from(ns).ok());
     let (period, delay) = (edges.period(), edges.delay());

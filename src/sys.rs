@@ -3,7 +3,9 @@
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
+use std::fs::File;
 use std::io::{self, Read};
+use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -55,6 +57,70 @@ impl Signals {
             }
         }
     }
+}
+
+/// A file or pipe that calls back before it waits for data, and that ends when a signal comes.
+pub(crate) struct Input {
+    file: File,
+    wake: UnixStream,
+    caught: Arc<AtomicUsize>,
+    before_wait: Box<dyn FnMut()>,
+}
+
+impl Input {
+    pub(crate) fn new(
+        file: File,
+        signals: &Signals,
+        before_wait: impl FnMut() + 'static,
+    ) -> io::Result<Input> {
+        let wake = signals.wake.try_clone()?;
+        Ok(Input {
+            file,
+            wake,
+            caught: Arc::clone(&signals.caught),
+            before_wait: Box::new(before_wait),
+        })
+    }
+
+    /// Whether there is something to read, or its end, within so many milliseconds; -1 waits for a signal too.
+    fn ready(&self, timeout_ms: i32) -> io::Result<bool> {
+        let entry = |fd: i32| libc::pollfd {
+            fd,
+            events: libc::POLLIN,
+            revents: 0,
+        };
+        let mut fds = [entry(self.file.as_raw_fd()), entry(self.wake.as_raw_fd())];
+        // SAFETY: the pointer and the count are those of a live array.
+        let n = unsafe { libc::poll(fds.as_mut_ptr(), fds.len() as libc::nfds_t, timeout_ms) };
+        if n < 0 {
+            let error = io::Error::last_os_error();
+            return if error.kind() == io::ErrorKind::Interrupted {
+                Ok(false)
+            } else {
+                Err(error)
+            };
+        }
+        Ok(fds[0].revents != 0)
+    }
+}
+
+impl Read for Input {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if !self.ready(0)? {
+            (self.before_wait)();
+        }
+        while !self.ready(-1)? {
+            if self.caught.load(Ordering::Relaxed) != 0 {
+                return Ok(0);
+            }
+        }
+        self.file.read(buffer)
+    }
+}
+
+/// Standard input as a file of its own.
+pub(crate) fn stdin() -> io::Result<File> {
+    Ok(File::from(io::stdin().as_fd().try_clone_to_owned()?))
 }
 
 /// After cleaning up: what the signal would have done to a process that does not catch it. Service managers take

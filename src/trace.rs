@@ -186,8 +186,17 @@ pub struct Trace {
     pub delay_ns: Option<u32>,
     /// Last MA edge to SL = 1.
     pub ready_ns: Option<u32>,
-    /// A recording that does not show where this cycle began.
-    pub headless: bool,
+    /// A recording that does not show the whole cycle.
+    pub cut: Option<Cut>,
+}
+
+/// Where a recording begins or ends inside a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cut {
+    /// What came before is not known, so no bit of it has a place.
+    Begin,
+    /// There may be bits missing.
+    End,
 }
 
 impl Trace {

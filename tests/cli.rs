@@ -58,7 +58,10 @@ fn text_is_what_the_design_shows() {
         );
     }
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
-    assert!(stderr.starts_with("biss: 3 good, 0 faults"), "{stderr}");
+    assert!(
+        stderr.starts_with("biss: 3 frames, 3 good, 0 faults"),
+        "{stderr}"
+    );
     assert_eq!(status, Some(0), "a warning does not change the status");
 }
 
@@ -462,6 +465,87 @@ fn pinning_to_a_processor_and_refusing_one_that_is_not_there() {
     assert_eq!(status, Some(2));
     assert!(stderr.contains("processor 1000"), "{stderr}");
     assert_eq!(run("read sim --rt 100 -q").2, Some(2));
+}
+
+/// A pipe that is slow, or stays open for ever, holds nothing back and does not keep biss from ending.
+#[test]
+fn a_slow_pipe_is_followed_and_left() {
+    use std::io::Write;
+    let vcd = std::fs::read_to_string("tests/recordings/bench.vcd").unwrap();
+    let args = ["read", "file:-", "-f", "st26,nE,nW,crc6", "-n", "0"];
+    let mut child = biss(&args)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    stdin.write_all(vcd.as_bytes()).unwrap();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap());
+    for _ in 0..4 {
+        stdout.read_line(&mut String::new()).unwrap();
+    }
+    signal(&child, "INT");
+    let mut stderr = String::new();
+    child
+        .stderr
+        .take()
+        .unwrap()
+        .read_to_string(&mut stderr)
+        .unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{stderr}");
+    assert!(stderr.contains(" good, 0 faults"), "{stderr}");
+}
+
+#[test]
+fn a_broken_recording_does_not_fill_the_memory() {
+    let file = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("endless.vcd");
+    let vcd = std::fs::read_to_string("tests/recordings/bench.vcd").unwrap();
+    std::fs::write(&file, vcd + "b" + &"1".repeat(3 << 20)).unwrap();
+    let (_, stderr, status) = run(&format!("read file:{} -f st26,nE,nW,crc6", file.display()));
+    assert_eq!(status, Some(2));
+    assert!(stderr.contains("more than 1 MiB"), "{stderr}");
+}
+
+#[test]
+fn a_last_line_without_an_end_is_read() {
+    let file = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("no-newline.vcd");
+    let vcd = std::fs::read_to_string("tests/recordings/bench.vcd").unwrap();
+    std::fs::write(&file, vcd.trim_end()).unwrap();
+    assert_eq!(
+        run(&format!(
+            "read file:{} -f st26,nE,nW,crc6 -q",
+            file.display()
+        ))
+        .2,
+        Some(0)
+    );
+}
+
+#[test]
+fn what_cannot_be_written_is_an_error() {
+    let full = std::fs::File::options()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
+    let output = biss(&["read", "sim"]).stdout(full).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        stderr.contains("writing records") && stderr.contains("No space left"),
+        "{stderr}"
+    );
+}
+
+/// A slave that is not ready has its say in its own slot.
+#[test]
+fn a_slave_that_is_not_ready_keeps_the_slots() {
+    let (stdout, ..) = run("read sim:stuck=0,fast -n 5 -i 10ms -o json -q");
+    for (slot, record) in json(&stdout).iter().enumerate() {
+        assert_eq!(record["fault"], "not-ready");
+        let t = record["t_ns"].as_u64().unwrap();
+        assert!(t.abs_diff(slot as u64 * 10_000_000) < 300_000, "{record}");
+    }
 }
 
 #[test]

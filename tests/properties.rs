@@ -9,7 +9,7 @@ use biss::link::{Link, sim};
 use biss::master::{Master, Slot};
 use biss::protocol::Protocol;
 use biss::slave::{Config, Motion, Slave, Timeout};
-use biss::trace::Trace;
+use biss::trace::{Cut, Trace};
 use biss::unit::{Hertz, Nanos};
 use common::{rng, size};
 
@@ -210,7 +210,9 @@ fn no_input_panics_and_what_is_good_has_a_good_crc() {
                 .choice(&[None, Some(0), Some(1), Some(1000), Some(u32::MAX)])
                 .unwrap(),
             reference_ns: rng.bool().then(|| rng.u32(..)),
-            headless: rng.u8(..8) == 0,
+            cut: *rng
+                .choice(&[None, None, None, Some(Cut::Begin), Some(Cut::End)])
+                .unwrap(),
             ..Trace::default()
         };
         if rng.bool() {
@@ -313,7 +315,7 @@ fn every_fault_has_its_numbers() {
         })
     );
     assert!(matches!(
-        decode(&frame, &|t| t.headless = true),
+        decode(&frame, &|t| t.cut = Some(Cut::Begin)),
         Some(Fault::Short { .. })
     ));
     let stop = frame.len();

@@ -4,17 +4,24 @@ use super::{Ended, Outcome};
 use crate::cli;
 use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::{self, Signals};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use biss::Format;
 use biss::frame::{BissC, Stall};
 use biss::link::{self, Kind, Link};
 use biss::master::{Master, Slot};
+use biss::trace::{Cut, Trace};
 use biss::unit::{Hertz, Nanos};
+use std::cell::RefCell;
+use std::fs::File;
 use std::io;
+use std::rc::Rc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// The slowest clock of the specification (D2 Table 10).
 const SLOWEST: Hertz = Hertz(80_000);
+
+/// From here on a clock alone outlasts the shortest timeout, less a little (D2 Table 10: 12.5 µs).
+const STALL_NS: u64 = 12_000;
 
 /// `-c` where nothing else is said, on links that do it.
 const USUAL_CLOCK: Hertz = Hertz(1_000_000);
@@ -22,25 +29,37 @@ const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
     let format = choose_format(&args, frame_given)?;
     check(&args)?;
-    if let Some(cpu) = args.cpu {
-        sys::pin_to_cpu(cpu).with_context(|| format!("running on processor {cpu} only"))?;
-    }
-    if let Some(priority) = args.rt {
-        sys::real_time(priority).with_context(|| {
-            format!(
-                "asking for real-time priority {priority}\n  run as root, or allow it: `ulimit -r {priority}` and `ulimit -l unlimited`"
-            )
-        })?;
-    }
+    schedule(&args)?;
     let signals = Signals::catch().context("catching signals")?;
-    let mut link = open(&args, &format)?;
+    let printer = Printer::new(args.format, args.time, args.color, args.verbose);
+    let printer = Rc::new(RefCell::new(printer));
+    let mut link = open(&args, &format, &signals, &printer)?;
     let protocol = protocol(&args, format);
     Run {
         args: &args,
         protocol: &protocol,
         signals,
+        printer,
     }
     .all(link.as_mut())
+}
+
+fn schedule(args: &cli::Read) -> Result<()> {
+    if let Some(cpu) = args.cpu {
+        let said = |e| {
+            anyhow!(
+                "running on processor {cpu} only: {e}\n  `nproc` says how many there are, counted from 0"
+            )
+        };
+        sys::pin_to_cpu(cpu).map_err(said)?;
+    }
+    if let Some(priority) = args.rt {
+        let hint =
+            format!("run as root, or allow it: `ulimit -r {priority}` and `ulimit -l unlimited`");
+        let said = |e| anyhow!("asking for real-time priority {priority}: {e}\n  {hint}");
+        sys::real_time(priority).map_err(said)?;
+    }
+    Ok(())
 }
 
 /// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
@@ -82,7 +101,12 @@ fn check(args: &cli::Read) -> Result<()> {
     }
 }
 
-fn open(args: &cli::Read, format: &Format) -> Result<Box<dyn Link>> {
+fn open(
+    args: &cli::Read,
+    format: &Format,
+    signals: &Signals,
+    printer: &Rc<RefCell<Printer>>,
+) -> Result<Box<dyn Link>> {
     Ok(match &args.link.kind {
         Kind::Gpio { chip, ma, slo } => {
             let mut link = link::gpio::open(chip.as_deref(), ma, slo)?;
@@ -103,12 +127,29 @@ fn open(args: &cli::Read, format: &Format) -> Result<Box<dyn Link>> {
             Box::new(link)
         }
         Kind::File { path, ma, slo } => {
+            let name = path.display().to_string();
+            let said = |e| {
+                anyhow!(
+                    "opening the recording {name}: {e}\n  check the path; a comma in it is written \\,"
+                )
+            };
+            let file = if path.as_os_str() == "-" {
+                sys::stdin()
+            } else {
+                File::open(path)
+            }
+            .map_err(said)?;
+            // What was read shall be seen before more of a slow pipe is waited for. Errors come back with the next record.
+            let printer = Rc::clone(printer);
+            let flush = move || drop(printer.borrow_mut().flush());
+            let input = sys::Input::new(file, signals, flush).context("waiting for input")?;
             let timeout_max_ns = args
                 .timeout
                 .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
                 .0;
             Box::new(link::file::open(
-                path,
+                input,
+                &name,
                 ma.as_deref(),
                 slo.as_deref(),
                 timeout_max_ns,
@@ -136,6 +177,7 @@ struct Run<'a> {
     args: &'a cli::Read,
     protocol: &'a BissC,
     signals: Signals,
+    printer: Rc<RefCell<Printer>>,
 }
 
 impl Run<'_> {
@@ -144,15 +186,23 @@ impl Run<'_> {
         let mut master = Master::new(link, self.protocol, self.args.retries);
         self.open(&mut master)?;
         let unix_us = unix_us() - i128::from(master.link().now_ns()) / 1000;
+        self.printer.borrow_mut().epoch(unix_us);
         let args = self.args;
-        let mut printer = Printer::new(args.format, args.time, args.color, args.verbose, unix_us);
         let mut summary = Summary::default();
         let count = args.count.unwrap_or(u64::from(live));
-        let result = self.frames(&mut master, &mut printer, &mut summary, count);
-        let result = result.and_then(|()| Ok(printer.flush()?));
+        let result = self.frames(&mut master, &mut summary, count);
+        let result = result.and_then(|()| self.printer.borrow_mut().flush().map_err(writing));
         let signal = self.signals.caught();
-        if !args.quiet && (count != 1 || args.verbose) {
-            summary.print(args.format);
+        if !args.quiet {
+            if !live && signal.is_none() && summary.cycles < count.max(1) {
+                note(format_args!(
+                    "the recording ended after {} whole frames",
+                    summary.cycles
+                ));
+            }
+            if count != 1 || args.verbose {
+                summary.print(args.format);
+            }
         }
         // Whoever reads may have enough; then what was delivered counts.
         let enough = match result {
@@ -187,30 +237,33 @@ impl Run<'_> {
                 "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
             ));
         }
+        if master.link().caps().times_levels && self.protocol.stall == Stall::Unknown {
+            if clock.hz.period_ns() >= STALL_NS {
+                note(
+                    "a clock takes 12 us or more, as long as some slaves wait: frames count as stalled unless --timeout says more",
+                );
+            } else if self.args.verbose {
+                note(
+                    "the encoder's timeout is not known: no MA level may exceed 12 us, two clocks and its adaptive timeout",
+                );
+            }
+        }
         if self.args.verbose {
             note(format_args!("clock {clock}"));
             if let Some((low, high)) = master.learned() {
-                note(format_args!(
-                    "start bit {low} to {high} clocks after edge 2"
-                ));
+                let range = if low == high {
+                    format!("{}", low + 2)
+                } else {
+                    format!("{} to {}", low + 2, high + 2)
+                };
+                note(format_args!("start bit with rising edge {range}"));
             }
             master.link().notes().iter().for_each(note);
-            if self.protocol.stall == Stall::Unknown && master.link().caps().times_levels {
-                note(
-                    "timeout of the encoder not known, MA levels are held to 12 us, two clocks and its adaptive reference",
-                );
-            }
         }
         Ok(())
     }
 
-    fn frames(
-        &mut self,
-        master: &mut Master,
-        printer: &mut Printer,
-        summary: &mut Summary,
-        count: u64,
-    ) -> Result<()> {
+    fn frames(&mut self, master: &mut Master, summary: &mut Summary, count: u64) -> Result<()> {
         let caps = master.link().caps();
         // The slave still has the timeout of the last frame before it.
         let start = master.link().now_ns() + FIRST_SLOT_NS;
@@ -227,21 +280,34 @@ impl Run<'_> {
                 seq = due.max(seq);
                 at_ns = start + seq * interval;
                 end_ns = Some(at_ns + interval);
-                printer.flush()?;
                 let wait = if caps.virtual_time {
                     self.behind(wall, at_ns - start)
                 } else {
                     at_ns - now.min(at_ns)
                 };
-                self.pace(wait, caps.virtual_time);
+                self.pace(wait, caps.virtual_time)?;
                 if self.signals.caught().is_some() {
                     break;
                 }
             }
             let tries = match master.slot(at_ns, end_ns)? {
                 Slot::Done { tries } => tries,
+                Slot::Piece(cut) => {
+                    self.piece(cut, master.trace());
+                    continue;
+                }
                 Slot::Ended => break,
             };
+            if !caps.live && self.signals.caught().is_some() {
+                // The input ended for the signal, not for the recording.
+                break;
+            }
+            if let Some(Nanos(interval)) = self.args.interval {
+                // A slave that was not ready in time has pushed the frame into a later slot.
+                let actual = master.trace().t_ns.saturating_sub(start) / interval;
+                summary.skipped += actual.saturating_sub(seq);
+                seq = seq.max(actual);
+            }
             let shot = Shot {
                 format: &self.protocol.format,
                 cycle: master.cycle(),
@@ -253,7 +319,7 @@ impl Run<'_> {
             summary.count(&shot);
             let first = summary.span_ns.map_or(shot.t_ns, |(first, _)| first);
             summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
-            printer.shot(&shot)?;
+            self.printer.borrow_mut().shot(&shot).map_err(writing)?;
             seq += 1;
         }
         Ok(())
@@ -271,7 +337,7 @@ impl Run<'_> {
     }
 
     /// Sleeps until shortly before a slot, the rest is the link's; a virtual clock leaves no rest.
-    fn pace(&mut self, wait_ns: u64, whole: bool) {
+    fn pace(&mut self, wait_ns: u64, whole: bool) -> Result<()> {
         const REST_NS: u64 = 1_000_000;
         let wait = if whole {
             wait_ns
@@ -279,9 +345,28 @@ impl Run<'_> {
             wait_ns.saturating_sub(REST_NS)
         };
         if wait > 0 {
+            self.printer.borrow_mut().flush().map_err(writing)?;
             self.signals.wait(Duration::from_nanos(wait));
         }
+        Ok(())
     }
+
+    /// What a recording shows of a cycle that it cuts is no frame, and no fault of the wire.
+    fn piece(&self, cut: Cut, trace: &Trace) {
+        if !self.args.quiet {
+            let place = if cut == Cut::Begin { "begins" } else { "ends" };
+            note(format_args!(
+                "the recording {place} inside a cycle: {} clocks left out",
+                trace.bits.len()
+            ));
+        }
+    }
+}
+
+/// Broken pipes are told from other troubles by the error's own kind.
+fn writing(error: io::Error) -> anyhow::Error {
+    let hint = "is the disk full, or the reader gone?";
+    anyhow::Error::from(error).context(format!("writing records ({hint})"))
 }
 
 fn unix_us() -> i128 {

@@ -456,10 +456,7 @@ impl<P: Pins> Link for Bang<P> {
     }
 
     fn notes(&self) -> Vec<String> {
-        vec![format!(
-            "SL is sampled {} of a clock after each rising MA edge",
-            self.phase
-        )]
+        vec![format!("SL is sampled {}", self.phase)]
     }
 
     fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {

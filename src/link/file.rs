@@ -4,9 +4,7 @@ use super::{Caps, Clock, Error, Known, Link};
 use crate::slice::Slicer;
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
-use std::fs::File;
-use std::io::{self, BufRead, BufReader};
-use std::path::Path;
+use std::io::{self, BufRead, BufReader, Read};
 use vcd::{Command, IdCode, Parser, ScopeItem, Value, Var};
 
 /// A recording, read as it is used.
@@ -30,28 +28,52 @@ pub struct Recording {
 const HINT: &str =
     "biss reads VCD files, as PulseView, GTKWave, sigrok-cli -O vcd and HDL simulators write them";
 
-/// Opens a VCD file, `-` for standard input, and finds MA and SLO in it by name. `timeout_max_ns` is the
-/// longest timeout of the slave.
+/// Reads a VCD recording and finds MA and SLO in it by name. `name` is for messages, `timeout_max_ns` is the longest
+/// timeout of the slave.
 ///
 /// # Errors
-/// When the file cannot be read, is no VCD, or has no such signals.
+/// When it cannot be read, is no VCD, or has no such signals.
 pub fn open(
-    path: &Path,
+    input: impl Read + 'static,
+    name: &str,
     ma: Option<&str>,
     slo: Option<&str>,
     timeout_max_ns: u64,
 ) -> Result<Recording, Error> {
-    let name = path.display().to_string();
-    let opening = || format!("opening the recording {name}");
-    let reader: Box<dyn BufRead> = if path.as_os_str() == "-" {
-        Box::new(BufReader::new(io::stdin()))
-    } else {
-        let file = File::open(path).map_err(|e| {
-            Error::new(opening(), e, "check the path; a comma in it is written \\,")
-        })?;
-        Box::new(BufReader::new(file))
-    };
-    Recording::new(reader, name, ma, slo, timeout_max_ns)
+    // The parser wants whitespace behind the last word, and keeps a word of any length.
+    let whole = Bounded {
+        inner: input,
+        unbroken: 0,
+    }
+    .chain(&b"\n"[..]);
+    let reader: Box<dyn BufRead> = Box::new(BufReader::with_capacity(1 << 16, whole));
+    Recording::new(reader, name.to_owned(), ma, slo, timeout_max_ns)
+}
+
+/// Refuses what no VCD has, so that a broken input cannot fill the memory.
+struct Bounded<R> {
+    inner: R,
+    /// Bytes since the last end of a line.
+    unbroken: usize,
+}
+
+const LONGEST_LINE: usize = 1 << 20;
+
+impl<R: Read> Read for Bounded<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.inner.read(buffer)?;
+        self.unbroken = match buffer[..n].iter().rposition(|byte| *byte == b'\n') {
+            Some(end) => n - end - 1,
+            None => self.unbroken + n,
+        };
+        if self.unbroken > LONGEST_LINE {
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                "a line of more than 1 MiB",
+            ));
+        }
+        Ok(n)
+    }
 }
 
 impl Recording {
@@ -215,36 +237,56 @@ fn find(
     key: &str,
     doing: &str,
 ) -> Result<IdCode, Error> {
-    let by_name = |name: &str| {
-        let matches = |(path, var): &&(String, &Var)| path == name || var.reference == name;
-        let exact = wires.iter().find(matches);
-        exact.or_else(|| {
+    let say = format!("say which: file:PATH,{key}=NAME");
+    let by_name = |name: &str| -> Vec<&(String, &Var)> {
+        let exact: Vec<_> = wires
+            .iter()
+            .filter(|(path, var)| path == name || var.reference == name)
+            .collect();
+        let alike = || {
             wires
                 .iter()
-                .find(|(_, var)| var.reference.eq_ignore_ascii_case(name))
-        })
+                .filter(|(_, var)| var.reference.eq_ignore_ascii_case(name))
+                .collect()
+        };
+        if exact.is_empty() { alike() } else { exact }
     };
     let found = match asked {
         Some(name) => by_name(name),
-        None => usual.iter().find_map(|name| by_name(name)),
+        None => usual
+            .iter()
+            .map(|name| by_name(name))
+            .find(|found| !found.is_empty())
+            .unwrap_or_default(),
     };
-    let names: Vec<&str> = wires.iter().map(|(path, _)| path.as_str()).collect();
-    let list = if names.is_empty() {
-        "none".to_owned()
-    } else {
-        names.join(", ")
-    };
-    found.map(|(_, var)| var.code).ok_or_else(|| {
+    let list = |wires: &mut dyn Iterator<Item = &str>| wires.collect::<Vec<_>>().join(", ");
+    let Some((_, first)) = found.first() else {
         let what = match asked {
             Some(name) => format!("no signal `{name}`"),
             None => format!("no signal that looks like {}", key.to_uppercase()),
         };
-        Error::new(
+        let names = list(&mut wires.iter().map(|(path, _)| path.as_str()));
+        let names = if names.is_empty() {
+            "none".to_owned()
+        } else {
+            names
+        };
+        return Err(Error::new(
             doing,
-            format!("{what}; one-bit signals are: {list}"),
-            format!("say which: file:PATH,{key}=NAME"),
-        )
-    })
+            format!("{what}; one-bit signals are: {names}"),
+            say,
+        ));
+    };
+    // The same signal under several names is one signal.
+    if found.iter().any(|(_, var)| var.code != first.code) {
+        let names = list(&mut found.iter().map(|(path, _)| path.as_str()));
+        return Err(Error::new(
+            doing,
+            format!("several signals could be {}: {names}", key.to_uppercase()),
+            say,
+        ));
+    }
+    Ok(first.code)
 }
 
 impl std::fmt::Debug for Recording {

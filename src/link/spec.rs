@@ -126,6 +126,7 @@ impl FromStr for Spec {
         };
         let parser = Parser { text, kind };
         let items = items(options, from.min(options.len()));
+        parser.no_twins(&items)?;
         let kind = match kind {
             "gpio" => parser.gpio(items)?,
             "spi" => parser.spi(items)?,
@@ -187,6 +188,16 @@ impl Parser<'_> {
         )
     }
 
+    fn no_twins(&self, items: &[Item]) -> Result<(), ParseError> {
+        for (index, item) in items.iter().enumerate() {
+            let same = |other: &Item| matches!((item.pair(), other.pair()), (Some((a, _)), Some((b, _))) if a == b);
+            if items[..index].iter().any(same) {
+                return Err(self.wrong(item, "this option is there already"));
+            }
+        }
+        Ok(())
+    }
+
     fn gpio(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
         let (mut chip, mut ma, mut slo) = (None, None, None);
         for (index, item) in items.iter().enumerate() {
@@ -242,8 +253,10 @@ impl Parser<'_> {
         Ok(Kind::Spi { path, phase, pad })
     }
 
-    fn sim(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+    fn sim(&self, mut items: Vec<Item>) -> Result<Kind, ParseError> {
         let mut config = Config::default();
+        // Which motion, which timeout, then what belongs to them, in whatever order they were given.
+        items.sort_by_key(|item| !matches!(item.pair(), Some(("motion" | "timeout", _))));
         let mut fast = false;
         for item in items {
             match item.pair() {
@@ -255,8 +268,15 @@ impl Parser<'_> {
                     } else {
                         0
                     };
-                    let placed = |e: ParseError| self.inside(&item, e, value_at);
-                    config.set(key, value).map_err(placed)?;
+                    let known = Config::knows(key);
+                    config.set(key, value).map_err(|error| {
+                        let error = self.inside(&item, error, value_at);
+                        if known {
+                            error
+                        } else {
+                            error.also("\n    fast (never sleeps, not even to keep an interval)")
+                        }
+                    })?;
                 }
             }
         }
@@ -331,6 +351,14 @@ mod tests {
         };
         assert_eq!(spec(r"file:a\,b\c.vcd,ma=clk").kind, file);
         assert!(matches!(spec("sim").kind, Kind::Sim { fast: false, .. }));
+        assert_eq!(
+            spec("sim:rpm=6000,motion=speed"),
+            spec("sim:motion=speed,rpm=6000")
+        );
+        assert_eq!(
+            spec("sim:tclk=1us,timeout=adaptive"),
+            spec("sim:timeout=adaptive,tclk=1us")
+        );
         let Kind::Sim { config, fast } = spec("sim:fast,delay=3us,frame=st8,crc6").kind else {
             panic!()
         };
@@ -354,6 +382,15 @@ mod tests {
             ("sim:dellay=3us", 4..10, "no `dellay`"),
             ("sim:seed=1,delay=3", 17..18, "no unit"),
             ("sim:slow", 4..8, "no `slow`"),
+            ("sim:foo=1", 4..7, "fast"),
+            ("sim:seed=1,seed=2", 11..17, "there already"),
+            ("sim:motion=still,rpm=60", 21..23, "only with motion=speed"),
+            (
+                "sim:tclk=1us,timeout=20us",
+                9..12,
+                "only with timeout=adaptive",
+            ),
+            ("gpio:0,ma=17,ma=18,slo=2", 13..18, "there already"),
             ("file:", 5..5, "needs a path"),
             ("sim:frame=st26,sx", 15..17, "unknown field"),
         ] {
