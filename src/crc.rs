@@ -213,7 +213,7 @@ impl FromStr for Crc {
         for (index, (at, part)) in parts.enumerate() {
             if part == "plain" && inverted {
                 inverted = false;
-            } else if let Some(value) = part.strip_prefix("init=") {
+            } else if let (Some(value), true) = (part.strip_prefix("init="), init_at == (0, name)) {
                 init_at = (at, part);
                 init = number(value)
                     .ok_or_else(|| wrong(at, part, format!("`{value}` is not a start value")))?;

@@ -400,6 +400,14 @@ impl BissC {
         if let Some(fault) = self.stalled(trace) {
             return Err(fault);
         }
+        if trace.misplaced {
+            let level = trace.longest.map_or(0, |level| level.ns);
+            return Err(Fault::Stalled {
+                level_ns: level,
+                limit_ns: self.stall_limit_ns(trace),
+                edge: 0,
+            });
+        }
         let whole = have >= self.least_bits();
         let ack_limit = search_clocks(self.ack_limit_ns, trace.ma_period_ns);
         let start_limit = search_clocks(self.busy_limit_ns, trace.ma_period_ns);
@@ -435,7 +443,7 @@ impl BissC {
                 clocks: start_limit,
             });
         }
-        let want = want(delay_clk + ack);
+        let want = want(delay_clk + ack).saturating_add(trace.surplus);
         if have < want {
             return Err(short(want));
         }
@@ -485,7 +493,7 @@ impl Protocol for BissC {
             // Two surplus clocks are checked to be 0, two more let the encoder's busy time wander.
             let most = ack.saturating_add(start);
             let head = ability.head.map_or(LEAST_SEARCH, |head| head + 2);
-            let head = (head << ability.widen.min(8)).min(most);
+            let head = (u32::from(head) << ability.widen.min(8)).min(most.into()) as u16;
             Until::Clocks((2 + head + self.tail() + 2).min(MAX_CLOCKS as u16))
         };
         let stretch_ns = match self.stall {

@@ -51,8 +51,6 @@ pub enum Known {
     Asked,
     /// Measured on this link.
     Measured,
-    /// True by construction.
-    Exact,
 }
 
 impl fmt::Display for Clock {
@@ -61,7 +59,6 @@ impl fmt::Display for Clock {
         match self.known {
             Known::Asked => f.write_str(" (asked)"),
             Known::Measured => f.write_str(" (measured)"),
-            Known::Exact => Ok(()),
         }
     }
 }

@@ -103,6 +103,8 @@ pub struct Master<'a> {
     /// Look for a better phase after so many faults in a row.
     patience: u32,
     phase: Phase,
+    /// Says that it is time to end, before a frame is repeated.
+    stop: Option<&'a dyn Fn() -> bool>,
     /// The clock to come back to after looking at another.
     asked: Hertz,
 }
@@ -132,7 +134,13 @@ impl<'a> Master<'a> {
             faults_in_row: 0,
             patience: 3,
             phase: Phase::Whole,
+            stop: None,
         }
+    }
+
+    /// Repeats no frame any more once `stop` says so.
+    pub fn stop_when(&mut self, stop: &'a dyn Fn() -> bool) {
+        self.stop = Some(stop);
     }
 
     /// The link.
@@ -164,11 +172,14 @@ impl<'a> Master<'a> {
         if !self.link.caps().live {
             return Ok(true);
         }
-        if self.link.caps().times_levels {
+        let caps = self.link.caps();
+        if caps.times_levels {
             // The clock is measured on frames.
             self.learn()?;
         }
-        self.link.measure_clock()?;
+        if caps.times_levels || caps.phases.is_empty() {
+            self.link.measure_clock()?;
+        }
         self.choose_phase()?;
         self.learn()?;
         Ok(self.learned().is_some())
@@ -221,12 +232,14 @@ impl<'a> Master<'a> {
             } else if fault.is_some_and(|fault| self.more_room(fault)) {
                 true
             } else {
-                retried += 1;
-                fault.is_some_and(|fault| retried <= self.retries_for(fault))
+                let again = fault.is_some_and(|fault| retried < self.retries_for(fault));
+                retried += u32::from(again);
+                again
             };
             let now = self.link.now_ns();
             let room = end_ns.is_none_or(|end| now + (now - began) + REST_NS <= end);
-            if !(live && again && room) {
+            let stop = self.stop.is_some_and(|stop| stop());
+            if !(live && again && room) || stop {
                 if let Some(fault) = doubt {
                     self.cycle.spoil(fault);
                 }
@@ -349,6 +362,8 @@ impl<'a> Master<'a> {
     /// Three faults in a row may mean that the sampling phase is not right any more.
     fn count_faults(&mut self) -> Result<(), Error> {
         if self.fault().is_none() {
+            // What is known of the encoder is enough again.
+            self.widen = 0;
             self.faults_in_row = 0;
             self.patience = 3;
             return Ok(());
@@ -454,7 +469,10 @@ impl<'a> Master<'a> {
             self.link.set_phase(*phase)?;
             let mut steady = 0;
             for clock in [near, self.asked] {
-                self.link.set_clock(clock)?;
+                if self.link.set_clock(clock).is_err() && clock == near {
+                    // Below what the controller can divide; a device that is gone says so at the next clock.
+                    continue;
+                }
                 steady += self.steady_frames()?;
             }
             if best.is_none_or(|(most, _)| steady > most) {

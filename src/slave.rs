@@ -591,8 +591,9 @@ impl Slave {
                 (degrees / 360.0 * range * phase.sin()) as i128
             }
         };
-        let whole =
-            (i128::from(self.config.turn) << bits) + i128::from(self.config.position) + moved;
+        let start =
+            (i128::from(self.config.turn) << bits).wrapping_add(i128::from(self.config.position));
+        let whole = start.wrapping_add(moved);
         (
             (whole >> bits) as u64,
             (whole & ((1i128 << bits) - 1)) as u64,

@@ -41,10 +41,15 @@ struct Edges {
     idle_since: Option<u64>,
     headless: bool,
     tailless: bool,
+    /// What answered may have answered the cycle before.
+    suspect: bool,
     falls: Vec<u64>,
+    count: usize,
     rises: Vec<u64>,
     /// SL changes, the first entry is the level when the cycle began.
     slo: Vec<(u64, Option<bool>)>,
+    /// Until then an Ack may belong to the cycle before, from which this one was split because nothing had answered.
+    suspect_until: Option<u64>,
     cdm: Option<bool>,
     ready_ns: Option<u64>,
     end_ns: u64,
@@ -86,6 +91,11 @@ impl Edges {
     /// SL falling after the second rising edge (D2, p. 8).
     fn delay(&self) -> Option<u64> {
         let second = *self.rises.get(1)?;
+        let before = self.slo.iter().take_while(|(t, _)| *t <= second).last();
+        if before.is_some_and(|(_, level)| *level == Some(false)) {
+            // Down already: the analyser's channels are not quite in step.
+            return Some(0);
+        }
         let (t, _) = self
             .slo
             .iter()
@@ -99,6 +109,9 @@ impl Edges {
         self.slo.iter().any(|(_, level)| *level == Some(false))
     }
 }
+
+/// No frame pauses as long as the shortest static timeout (D2 Table 10).
+const PAUSE_MAX_NS: u64 = 12_500;
 
 /// Longest line delay (D2 Table 10).
 const DELAY_MAX_NS: u64 = 40_000;
@@ -139,6 +152,13 @@ impl Slicer {
         }
     }
 
+    /// From `t_ns` on MA is not known: what runs is cut, and what comes next begins like a recording.
+    pub fn gap(&mut self, t_ns: u64) {
+        self.finish(t_ns);
+        self.begun = None;
+        self.rested = false;
+    }
+
     /// The recording is over at `t_ns`.
     pub fn finish(&mut self, t_ns: u64) {
         let t_ns = t_ns.max(self.t_ns);
@@ -168,13 +188,13 @@ impl Slicer {
             true => DELAY_MAX_NS,
             false => self.cycle.delay().unwrap_or(0).min(DELAY_MAX_NS),
         };
-        let limit = self.timeout_ns + delay;
+        let limit = self.timeout_ns.saturating_add(delay);
         if t_ns.saturating_sub(since) <= limit {
             return;
         }
         match self.state {
             State::Rest => self.rested = true,
-            State::Armed | State::Running => self.end(since + limit, Some(!self.ma)),
+            State::Armed | State::Running => self.end(since.saturating_add(limit), Some(!self.ma)),
         }
     }
 
@@ -215,25 +235,36 @@ impl Slicer {
     fn ma_changes(&mut self, t_ns: u64, ma: bool) {
         self.ma = ma;
         // Nothing has answered yet: a rest of three clocks begins anew, else frames without an encoder would run
-        // into one.
-        let unanswered = self.state == State::Running && !ma && !self.cycle.acked();
-        if unanswered {
+        // into one. Unless the Ack of the old one is only late.
+        let mut suspect_until = None;
+        if self.state == State::Running && !ma && !self.cycle.acked() {
             let rest = t_ns - self.cycle.rises.last().copied().unwrap_or(t_ns);
             if self.cycle.period().is_some_and(|period| rest > 3 * period) {
+                let asked = self.cycle.rises.get(1).or(self.cycle.rises.last());
+                suspect_until = asked
+                    .map(|t| t.saturating_add(DELAY_MAX_NS))
+                    .max(self.cycle.suspect_until);
                 self.end(t_ns, None);
             }
         }
         match (self.state, ma) {
-            (State::Rest, false) => self.arm(t_ns),
+            (State::Rest, false) => {
+                self.arm(t_ns);
+                self.cycle.suspect_until = suspect_until;
+            }
             (State::Rest, true) => {}
             (State::Armed | State::Running, false) => self.cycle.falls.push(t_ns),
             (State::Armed | State::Running, true) => {
                 self.state = State::Running;
-                self.cycle.rises.push(t_ns);
-                if self.cycle.rises.len() > MAX_CLOCKS {
-                    self.end(t_ns, None);
-                    self.rested = false;
+                if let [.., before, last] = &mut self.cycle.rises[..] {
+                    if self.cycle.count >= MAX_CLOCKS {
+                        // Longer than any frame: the last two are kept, and the gap before them is a stall.
+                        (*before, *last) = (*last, t_ns);
+                        return;
+                    }
                 }
+                self.cycle.count += 1;
+                self.cycle.rises.push(t_ns);
             }
         }
     }
@@ -251,14 +282,18 @@ impl Slicer {
         edges.end_ns = t_ns;
         edges.cdm = cdm;
         if edges.headless {
-            // Only the recording's own beginning tells: MA at rest for longer than one of its levels, SL high.
+            // Only the recording's own beginning tells: MA at rest for longer than a frame may pause, SL high.
             let (first, before) = (edges.falls.first().copied(), edges.idle_since);
             let rest = first.zip(before).map(|(first, before)| first - before);
-            let high = edges.idle == Some(true);
-            edges.headless = !(high
-                && rest
-                    .zip(edges.period())
-                    .is_some_and(|(rest, period)| rest > period + period / 2));
+            let needed = edges
+                .period()
+                .map(|period| PAUSE_MAX_NS.max(period + period / 2));
+            let rested = rest.zip(needed).is_some_and(|(rest, needed)| rest > needed);
+            edges.headless = edges.idle != Some(true) || !rested;
+        }
+        if let Some(until) = edges.suspect_until {
+            let answered = edges.slo.iter().find(|(_, level)| *level == Some(false));
+            edges.suspect = answered.is_some_and(|(t, _)| *t <= until);
         }
         if !edges.rises.is_empty() {
             self.done.push_back(edges);
@@ -281,6 +316,7 @@ fn sample(edges: &Edges, trace: &mut Trace) {
         .copied()
         .unwrap_or(0);
     trace.idle = edges.idle;
+    trace.misplaced = edges.suspect;
     trace.cut = match (edges.headless, edges.tailless) {
         (true, _) => Some(Cut::Begin),
         (false, true) => Some(Cut::End),
@@ -295,11 +331,19 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     let period = period.unwrap_or(0);
     // The middle of the bit as it arrives: whole clocks of line delay are taken out too, so that MA may pause
     // while bits are still on their way.
-    let after = delay.unwrap_or(0) + period / 2;
+    let delay = delay.unwrap_or(0);
+    let nexts = edges
+        .rises
+        .iter()
+        .skip(1)
+        .map(|next| Some(*next))
+        .chain([None]);
     let mut changes = edges.slo.iter().peekable();
     let mut level = edges.idle;
-    for rise in &edges.rises {
-        let at = rise + after;
+    for (rise, next) in edges.rises.iter().zip(nexts) {
+        // A bit is as long as its clock, which may be shorter than most.
+        let bit = next.map_or(period, |next| (next - rise).min(period));
+        let at = rise.saturating_add(delay + bit / 2);
         if at > edges.end_ns {
             break;
         }

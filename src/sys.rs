@@ -40,6 +40,12 @@ impl Signals {
         i32::try_from(signal).ok().filter(|signal| *signal != 0)
     }
 
+    /// Whether a signal was caught, asked from elsewhere.
+    pub(crate) fn watch(&self) -> impl Fn() -> bool + use<> {
+        let caught = Arc::clone(&self.caught);
+        move || caught.load(Ordering::Relaxed) != 0
+    }
+
     /// Waits so long, or until a signal comes.
     pub(crate) fn wait(&mut self, time: Duration) {
         let end = Instant::now() + time;

@@ -39,12 +39,23 @@ impl Tracker {
         let (Some(head), true) = (cycle.head(), cycle.fault().is_none()) else {
             return Verdict::Stands;
         };
-        if !cycle.is_good() {
-            // A wrong window fails its CRC nearly always; there is nothing to learn from it.
+        let good = cycle
+            .words()
+            .iter()
+            .filter(|word| word.good().is_some())
+            .count();
+        let null = cycle
+            .words()
+            .iter()
+            .filter(|word| word.fault() == Some(Fault::Null))
+            .count();
+        if good + null == 0 {
+            // A wrong window fails its CRCs nearly always; there is nothing to learn from it.
             return Verdict::Stands;
         }
+        let sound = good + null == cycle.words().len();
         let clocks = head.clocks();
-        if self.heads.learn(clocks) {
+        if self.heads.learn(clocks, sound) {
             self.delay_clk = self.delay_clk.max(Some(head.delay_clk));
             return Verdict::Stands;
         }
@@ -118,7 +129,7 @@ struct Life {
 impl Life {
     /// What was expected, if not `got`. Devices wrap to 0 or, like iC-MHM, skip it (SAF; MHM datasheet).
     fn mismatch(&self, got: u64, wrap: u64) -> Option<u64> {
-        let want = (self.last + 1 + self.missed) & wrap;
+        let want = self.last.wrapping_add(1).wrapping_add(self.missed) & wrap;
         let skipping = want < self.last && got == want + 1;
         (got != want && !skipping).then_some(want)
     }
@@ -126,43 +137,57 @@ impl Life {
 
 /// How many clocks after edge 2 the start bit may stand.
 ///
-/// A length counts once it has been seen twice, or lies between two that have: an encoder's busy time wanders,
-/// a flipped bit does not come back at the same place with a good CRC.
+/// A length counts once it has been seen twice within a few frames, or lies between two that have: an encoder's busy
+/// time wanders, and a flipped bit does not come back so soon at the same place with a good CRC.
 #[derive(Clone, Copy, Debug, Default)]
 struct Heads {
     range: Option<(u16, u16)>,
-    /// Seen once: below and above the range, or anywhere before there is one.
-    below: Option<u16>,
-    above: Option<u16>,
+    /// Seen once: outside the range, or before there is one.
+    candidate: Option<Candidate>,
     trusting: bool,
 }
 
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    clocks: u16,
+    /// Frames since.
+    age: u8,
+}
+
+/// A candidate that has not come back within so many frames was noise: an encoder that stands still would show the
+/// same wrong frame again, however much later.
+const CANDIDATE_FRAMES: u8 = 8;
+
 impl Heads {
-    /// Whether a good frame of this length counts.
-    fn learn(&mut self, clocks: u16) -> bool {
-        let Some((low, high)) = self.range else {
-            let known = self.below.replace(clocks);
-            let agrees = known.is_some_and(|known| known.abs_diff(clocks) <= 1);
-            if agrees || self.trusting {
-                let known = known.unwrap_or(clocks);
-                self.range = Some((known.min(clocks), known.max(clocks)));
-                self.below = None;
-            }
-            return self.range.is_some();
-        };
-        if clocks < low {
-            match self.below.replace(clocks) {
-                Some(seen) => self.range = Some((seen.max(clocks), high)),
-                None => return false,
-            }
-        } else if clocks > high {
-            match self.above.replace(clocks) {
-                Some(seen) => self.range = Some((low, seen.min(clocks))),
-                None => return false,
-            }
-        }
-        self.range
+    /// Whether a frame of this length counts. `sound` frames have no bad word.
+    fn learn(&mut self, clocks: u16, sound: bool) -> bool {
+        if self
+            .range
             .is_some_and(|(low, high)| (low..=high).contains(&clocks))
+        {
+            self.candidate = self
+                .candidate
+                .map(|c| Candidate {
+                    age: c.age + 1,
+                    ..c
+                })
+                .filter(|c| c.age < CANDIDATE_FRAMES);
+            return true;
+        }
+        let seen = self.candidate.replace(Candidate { clocks, age: 0 });
+        let seen = seen
+            .map(|c| c.clocks)
+            .filter(|seen| seen.abs_diff(clocks) <= 1);
+        let (low, high) = match (self.range, seen) {
+            (None, None) if self.trusting && sound => (clocks, clocks),
+            (_, None) => return false,
+            (None, Some(seen)) => (seen.min(clocks), seen.max(clocks)),
+            // Only as far as both sightings reach.
+            (Some((low, high)), Some(seen)) if clocks < low => (seen.max(clocks), high),
+            (Some((low, _)), Some(seen)) => (low, seen.min(clocks)),
+        };
+        self.range = Some((low, high));
+        (low..=high).contains(&clocks)
     }
 }
 
@@ -225,8 +250,39 @@ mod tests {
         let mut tracker = Tracker::default();
         assert_eq!(run(&mut tracker, &[5, 5, 2, 5, 9, 5]), "-+-+-+");
         assert_eq!(tracker.heads(), Some((5, 5)));
-        assert_eq!(run(&mut tracker, &[3, 8, 2, 9]), "++--");
+        assert_eq!(run(&mut tracker, &[3, 8, 3, 3, 9, 8]), "---+-+");
         assert_eq!(tracker.heads(), Some((3, 8)));
+    }
+
+    #[test]
+    fn a_single_one_is_forgotten() {
+        let mut tracker = Tracker::default();
+        run(&mut tracker, &[3, 3, 9]);
+        assert_eq!(run(&mut tracker, &[3; 10]), "+".repeat(10));
+        assert_eq!(run(&mut tracker, &[9, 9]), "-+");
+    }
+
+    /// A window that is shifted may still give one of several channels a good CRC.
+    #[test]
+    fn one_good_word_among_bad_ones_is_judged_too() {
+        let mut tracker = Tracker::default();
+        let pair = "st8,crc6+st8,crc6";
+        for _ in 0..2 {
+            let (format, mut cycle) = cycle(pair, 2, &[1, 2], None);
+            tracker.judge(&format, &mut cycle);
+        }
+        let (format, mut half) = cycle(pair, 5, &[1, 2], Some(25));
+        assert!(half.words()[0].good().is_some() && half.words()[1].good().is_none());
+        assert!(matches!(
+            tracker.judge(&format, &mut half),
+            Verdict::Doubtful(_)
+        ));
+        let (format, mut half) = cycle(pair, 2, &[1, 2], Some(22));
+        assert_eq!(
+            tracker.judge(&format, &mut half),
+            Verdict::Stands,
+            "bad, but where it belongs"
+        );
     }
 
     #[test]

@@ -48,6 +48,9 @@ impl Nanos {
     }
 }
 
+/// Nothing here takes longer than a day, and sums of such times stay far from overflowing.
+const LONGEST_NS: u64 = 86_400_000_000_000;
+
 const HERTZ: [(&str, u64); 3] = [("Hz", 1), ("kHz", 1_000), ("MHz", 1_000_000)];
 const NANOS: [(&str, u64); 6] = [
     ("ns", 1),
@@ -134,7 +137,18 @@ impl FromStr for Hertz {
 impl FromStr for Nanos {
     type Err = ParseError;
     fn from_str(text: &str) -> Result<Self, ParseError> {
-        quantity(text, &NANOS, "500ns, 40us, 1ms or 2s").map(Nanos)
+        let examples = "500ns, 40us, 1ms or 2s";
+        let ns = quantity(text, &NANOS, examples)?;
+        if ns > LONGEST_NS {
+            let what = format!("`{text}` is longer than a day");
+            return Err(ParseError::new(
+                text,
+                0..text.len(),
+                what,
+                format!("write it like {examples}"),
+            ));
+        }
+        Ok(Nanos(ns))
     }
 }
 

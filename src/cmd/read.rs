@@ -183,7 +183,10 @@ struct Run<'a> {
 impl Run<'_> {
     fn all(mut self, link: &mut dyn Link) -> Result<Ended> {
         let live = link.caps().live;
+        let caught = self.signals.watch();
+        let stop = move || caught();
         let mut master = Master::new(link, self.protocol, self.args.retries);
+        master.stop_when(&stop);
         self.open(&mut master)?;
         let unix_us = unix_us() - i128::from(master.link().now_ns()) / 1000;
         self.printer.borrow_mut().epoch(unix_us);
@@ -221,7 +224,7 @@ impl Run<'_> {
     /// Learns the encoder, waits for one when asked to, and says how the link runs.
     fn open(&mut self, master: &mut Master) -> Result<()> {
         const BETWEEN_TRIES_NS: u64 = 10_000_000;
-        let patience = master.link().now_ns() + self.args.wait.0;
+        let patience = master.link().now_ns().saturating_add(self.args.wait.0);
         while !master.open()?
             && master.link().now_ns() < patience
             && self.signals.caught().is_none()
@@ -278,8 +281,8 @@ impl Run<'_> {
                     summary.skipped += due - seq;
                 }
                 seq = due.max(seq);
-                at_ns = start + seq * interval;
-                end_ns = Some(at_ns + interval);
+                at_ns = start.saturating_add(seq.saturating_mul(interval));
+                end_ns = Some(at_ns.saturating_add(interval));
                 let wait = if caps.virtual_time {
                     self.behind(wall, at_ns - start)
                 } else {

@@ -244,7 +244,12 @@ impl<P: Pins> Bang<P> {
             .map(|pair| pair[1].edge.before - pair[0].edge.before);
         let period = median(&mut self.scratch, rises);
         self.measured_ns = period.or(self.measured_ns);
-        trace.ma_period_ns = period.unwrap_or(self.period_ns).try_into().ok();
+        // A frame that was slow throughout must not widen its own limits.
+        trace.ma_period_ns = period
+            .unwrap_or(self.period_ns)
+            .min(self.period_ns)
+            .try_into()
+            .ok();
         trace.late = self.latest(search);
     }
 
@@ -463,6 +468,8 @@ impl<P: Pins> Link for Bang<P> {
         if !self.ma_high {
             self.edge(true)?;
         }
+        // Asked for after a fault: then a stop bit may have been seen where there was none.
+        self.stop_seen = false;
         self.pins.until(self.pins.now_ns() + ns);
         self.pins.sl().map(Some)
     }

@@ -20,6 +20,9 @@ pub struct Recording {
     tick: u64,
     ma: Option<bool>,
     slo: Option<bool>,
+    /// MA has changed in this tick, and changed again.
+    ma_moved: bool,
+    coarse: bool,
     now_ns: u64,
     ended: bool,
     damage: Option<Error>,
@@ -120,11 +123,13 @@ impl Recording {
             name,
             ma_id,
             slo_id,
-            tick_fs: u64::from(count) * (1_000_000_000_000_000 / unit.divisor()),
+            tick_fs: u64::from(count).saturating_mul(1_000_000_000_000_000 / unit.divisor()),
             slicer: Slicer::new(timeout_max_ns),
             tick: 0,
             ma: None,
             slo: None,
+            ma_moved: false,
+            coarse: false,
             now_ns: 0,
             ended: false,
             damage: None,
@@ -137,10 +142,13 @@ impl Recording {
 
     /// Hands the levels of the tick that is over to the slicer.
     fn flush(&mut self) {
-        // Before MA is known there is nothing to time.
-        if let Some(ma) = self.ma {
-            self.slicer.push(self.ns(self.tick), ma, self.slo);
+        let t_ns = self.ns(self.tick);
+        match self.ma {
+            Some(ma) => self.slicer.push(t_ns, ma, self.slo),
+            // Before MA is known there is nothing to time, and no edge can be told after it was lost.
+            None => self.slicer.gap(t_ns),
         }
+        self.ma_moved = false;
     }
 
     /// Reads one more command. False at the end.
@@ -153,6 +161,13 @@ impl Recording {
                     return false;
                 }
                 self.tick = tick;
+                if self.coarse {
+                    self.spoiled(
+                        "MA changes twice within one tick: the time scale is too coarse for it"
+                            .into(),
+                    );
+                    return false;
+                }
             }
             Some(Ok(Command::ChangeScalar(id, value))) => self.change(id, value),
             Some(Ok(Command::ChangeVector(id, values))) => {
@@ -187,8 +202,11 @@ impl Recording {
             Value::X | Value::Z => None,
         };
         if id == self.ma_id {
-            // An edge of MA is one that was seen: x and z leave it where it was.
-            self.ma = level.or(self.ma);
+            if self.ma_moved && level.is_some() && level != self.ma {
+                self.coarse = true;
+            }
+            self.ma_moved |= level != self.ma;
+            self.ma = level;
         }
         if id == self.slo_id {
             self.slo = level;

@@ -25,8 +25,9 @@ pub struct GpioPins {
 pub fn open(chip: Option<&str>, ma: &str, slo: &str) -> Result<Bang<GpioPins>, Error> {
     let ma = find_line(chip, ma)?;
     let slo = find_line(chip, slo)?;
-    let ma = request(&ma, LineRequestFlags::OUTPUT, 1, "biss MA")?;
+    // SLO first: whoever has MA has to leave it high for a while.
     let slo = request(&slo, LineRequestFlags::INPUT, 0, "biss SLO")?;
+    let ma = request(&ma, LineRequestFlags::OUTPUT, 1, "biss MA")?;
     let mut pins = GpioPins {
         ma,
         slo,
@@ -98,7 +99,9 @@ fn chips() -> Result<Vec<Chip>, Error> {
             Err(error) => refused = Some(error),
         }
     }
-    found.sort_by(|a, b| a.path().cmp(b.path()));
+    // Boards link old names to new ones: that is one chip.
+    found.sort_by(|a, b| (a.name(), a.path()).cmp(&(b.name(), b.path())));
+    found.dedup_by(|a, b| a.name() == b.name());
     match (found.is_empty(), refused) {
         (false, _) => Ok(found),
         (true, Some(error)) => Err(failed(error)),

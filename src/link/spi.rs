@@ -225,7 +225,7 @@ impl Link for Spi {
 
     fn set_phase(&mut self, phase: Phase) -> Result<(), Error> {
         self.configure(phase)?;
-        self.rest(REST_NS);
+        self.time.until(self.time.now_ns() + REST_NS);
         Ok(())
     }
 
@@ -252,6 +252,7 @@ impl Link for Spi {
             trace.t_ns = self.transfer(bytes)?;
             trace.ma_period_ns = u32::try_from(self.clock.hz.period_ns()).ok();
             trace.cdm = Some(false);
+            trace.surplus = 2;
             let bits = self
                 .buffer
                 .iter()
