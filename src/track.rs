@@ -174,6 +174,10 @@ impl Heads {
                 .filter(|c| c.age < CANDIDATE_FRAMES);
             return true;
         }
+        if self.range.is_some() && !sound {
+            // A shifted window may give one of several channels a good CRC; it teaches nothing.
+            return false;
+        }
         let seen = self.candidate.replace(Candidate { clocks, age: 0 });
         let seen = seen
             .map(|c| c.clocks)
