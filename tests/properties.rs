@@ -7,9 +7,9 @@ use biss::Format;
 use biss::frame::{BissC, Cycle, Fault, Head, emit};
 use biss::link::{Link, sim};
 use biss::master::{Master, Slot};
-use biss::protocol::Protocol;
+use biss::protocol::{Ability, Protocol};
 use biss::slave::{Config, Motion, Slave, Timeout};
-use biss::trace::{Cut, Trace};
+use biss::trace::{Ask, Clocks, Cut, Trace};
 use biss::unit::{Hertz, Nanos};
 use common::{rng, size};
 
@@ -360,5 +360,72 @@ fn every_fault_has_its_numbers() {
             edge: 7,
         });
         assert_eq!(decode(&frame, &change), want);
+    }
+}
+
+/// One CDM bit a timeout, chosen by the CDS of this very frame; the edge that releases MA is no clock, so the frames
+/// after it are good.
+#[test]
+fn cdm_goes_out_as_the_cds_of_the_same_frame_says() {
+    for (timeout, cds) in [
+        ("20us", false),
+        ("20us", true),
+        ("adaptive", false),
+        ("request", true),
+    ] {
+        let config = format!(
+            "timeout={timeout},cds={},motion=count,pos=9,frame=st8,crc6",
+            u8::from(cds)
+        );
+        let mut link = sim::open(config.parse().unwrap());
+        link.set_clock(Hertz(1_000_000)).unwrap();
+        let protocol = BissC::new("st8,crc6".parse().unwrap());
+        let ability = Ability {
+            reacts: true,
+            period_ns: 1000,
+            head: None,
+            delay_clk: None,
+            widen: 0,
+        };
+        let (mut trace, mut cycle) = (Trace::default(), Cycle::default());
+        for (frame, table) in [
+            [false, true],
+            [true, false],
+            [true, true],
+            [false, false],
+            [true, true],
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let ask = Ask {
+                at_ns: 0,
+                clocks: Clocks {
+                    cdm: table,
+                    ..protocol.request(&ability)
+                },
+            };
+            assert_eq!(
+                link.cycles(&[ask], std::slice::from_mut(&mut trace))
+                    .unwrap(),
+                1
+            );
+            protocol.decode(&trace, &mut cycle);
+            assert_eq!(
+                cycle.words()[0].good(),
+                Some(9 + frame as u64),
+                "{timeout}: {:?}",
+                cycle.fault()
+            );
+            let sent = table[usize::from(cds)];
+            assert_eq!(trace.cdm, Some(sent));
+            assert_eq!(trace.ready_ns.is_some(), sent, "MA is held until SL = 1");
+            link.idle(100_000).unwrap();
+            assert_eq!(
+                link.pins_mut().slave_mut().take_cdm(),
+                Some(sent),
+                "{timeout}, frame {frame}"
+            );
+        }
     }
 }

@@ -26,6 +26,11 @@ impl SimPins {
     pub fn slave(&self) -> &Slave {
         &self.slave
     }
+
+    /// The slave, to take its CDM bits.
+    pub fn slave_mut(&mut self) -> &mut Slave {
+        &mut self.slave
+    }
 }
 
 /// The `sim` link.
