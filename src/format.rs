@@ -179,7 +179,7 @@ impl Format {
 const FIELDS: &str =
     "fields are mtN stN posN padN dataN[=NAME] lcN nE nW E W and last crcN[:POLY[:init=X][:plain]]";
 /// Keys of a record that a named field must not take over.
-const RESERVED: [&str; 30] = [
+const RESERVED: [&str; 39] = [
     "type",
     "t_ns",
     "t_unix_us",
@@ -210,6 +210,15 @@ const RESERVED: [&str; 30] = [
     "want",
     "clock",
     "clocks",
+    "level_ns",
+    "limit_ns",
+    "edge",
+    "have_bits",
+    "want_bits",
+    "waited_ns",
+    "head_clk",
+    "min_clk",
+    "max_clk",
 ];
 
 impl FromStr for Format {

@@ -53,7 +53,7 @@ pub enum Fault {
         level_ns: u32,
         /// What was allowed.
         limit_ns: u32,
-        /// The rising edge that ended it.
+        /// The rising edge that ended it; 0 where the pause was before the first one.
         edge: u16,
     },
     /// The sign-of-life counter did not count on: the encoder repeats itself, or frames are lost.
@@ -171,6 +171,15 @@ impl fmt::Display for Fault {
                 write!(f, ": SL high at clock {clock}, after the last data bit")
             }
             Fault::Null => f.write_str(": the encoder says it has no valid data"),
+            Fault::Stalled {
+                level_ns, edge: 0, ..
+            } => {
+                write!(
+                    f,
+                    ": MA stood {:.1} us before clock 1, while an Ack was on its way",
+                    us(level_ns.into())
+                )
+            }
             Fault::Stalled {
                 level_ns,
                 limit_ns,
@@ -400,10 +409,9 @@ impl BissC {
         if let Some(fault) = self.stalled(trace) {
             return Err(fault);
         }
-        if trace.misplaced {
-            let level = trace.longest.map_or(0, |level| level.ns);
+        if let Some(level_ns) = trace.misplaced_ns {
             return Err(Fault::Stalled {
-                level_ns: level,
+                level_ns,
                 limit_ns: self.stall_limit_ns(trace),
                 edge: 0,
             });
@@ -412,7 +420,7 @@ impl BissC {
         let ack_limit = search_clocks(self.ack_limit_ns, trace.ma_period_ns);
         let start_limit = search_clocks(self.busy_limit_ns, trace.ma_period_ns);
         let Some(ack_at) = bits.find(1, false) else {
-            let clocks = have.saturating_sub(1);
+            let clocks = have.saturating_sub(2);
             let enough = whole || clocks >= ack_limit;
             return Err(if enough {
                 Fault::NoAck { clocks }

@@ -5,6 +5,7 @@ mod cmd;
 mod output;
 mod sys;
 
+use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
 use cmd::Outcome;
@@ -16,7 +17,11 @@ const FAILED: u8 = 2;
 fn main() -> ExitCode {
     match cli::Cli::command().try_get_matches() {
         Ok(matches) => run(&matches),
-        Err(error) if error.use_stderr() => {
+        // Bare `biss` asks for help and does not get it on stdout: there is nothing to pipe.
+        Err(error)
+            if error.use_stderr()
+                && error.kind() != ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand =>
+        {
             let text = error.render().to_string();
             output::note(text.trim_start_matches("error: ").trim_end());
             ExitCode::from(FAILED)

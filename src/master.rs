@@ -212,7 +212,7 @@ impl<'a> Master<'a> {
         let live = self.link.caps().live;
         let (mut tries, mut retried, mut reread) = (0, 0, 0);
         loop {
-            let began = self.link.now_ns();
+            let began = self.link.now_ns().max(at_ns);
             if !self.attempt(at_ns)? {
                 return Ok(Slot::Ended);
             }
@@ -237,7 +237,7 @@ impl<'a> Master<'a> {
                 again
             };
             let now = self.link.now_ns();
-            let room = end_ns.is_none_or(|end| now + (now - began) + REST_NS <= end);
+            let room = end_ns.is_none_or(|end| now + now.saturating_sub(began) + REST_NS <= end);
             let stop = self.stop.is_some_and(|stop| stop());
             if !(live && again && room) || stop {
                 if let Some(fault) = doubt {

@@ -513,11 +513,15 @@ impl Summary {
 impl Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let faults: u64 = self.faults.iter().sum();
+        let plural = |count: u64| if count == 1 { "" } else { "s" };
         write!(
             f,
-            "{} frames, {} good, {faults} faults",
-            self.cycles, self.good
+            "{} frame{}, {} good, ",
+            self.cycles,
+            plural(self.cycles),
+            self.good
         )?;
+        write!(f, "{faults} fault{}", plural(faults))?;
         let mut before = " (";
         for (name, count) in self.kinds() {
             write!(f, "{before}{count} {name}")?;

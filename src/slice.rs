@@ -41,15 +41,14 @@ struct Edges {
     idle_since: Option<u64>,
     headless: bool,
     tailless: bool,
-    /// What answered may have answered the cycle before.
-    suspect: bool,
     falls: Vec<u64>,
     count: usize,
     rises: Vec<u64>,
     /// SL changes, the first entry is the level when the cycle began.
     slo: Vec<(u64, Option<bool>)>,
-    /// Until then an Ack may belong to the cycle before, from which this one was split because nothing had answered.
-    suspect_until: Option<u64>,
+    /// Until then an Ack may belong to the cycle before, from which this one was split by a pause, because nothing had
+    /// answered; and how long that pause was.
+    suspect: Option<(u64, u64)>,
     cdm: Option<bool>,
     ready_ns: Option<u64>,
     end_ns: u64,
@@ -236,21 +235,21 @@ impl Slicer {
         self.ma = ma;
         // Nothing has answered yet: a rest of three clocks begins anew, else frames without an encoder would run
         // into one. Unless the Ack of the old one is only late.
-        let mut suspect_until = None;
+        let mut suspect = None;
         if self.state == State::Running && !ma && !self.cycle.acked() {
             let rest = t_ns - self.cycle.rises.last().copied().unwrap_or(t_ns);
             if self.cycle.period().is_some_and(|period| rest > 3 * period) {
                 let asked = self.cycle.rises.get(1).or(self.cycle.rises.last());
-                suspect_until = asked
-                    .map(|t| t.saturating_add(DELAY_MAX_NS))
-                    .max(self.cycle.suspect_until);
+                suspect = asked
+                    .map(|t| (t.saturating_add(DELAY_MAX_NS), rest))
+                    .max(self.cycle.suspect);
                 self.end(t_ns, None);
             }
         }
         match (self.state, ma) {
             (State::Rest, false) => {
                 self.arm(t_ns);
-                self.cycle.suspect_until = suspect_until;
+                self.cycle.suspect = suspect;
             }
             (State::Rest, true) => {}
             (State::Armed | State::Running, false) => self.cycle.falls.push(t_ns),
@@ -291,10 +290,10 @@ impl Slicer {
             let rested = rest.zip(needed).is_some_and(|(rest, needed)| rest > needed);
             edges.headless = edges.idle != Some(true) || !rested;
         }
-        if let Some(until) = edges.suspect_until {
-            let answered = edges.slo.iter().find(|(_, level)| *level == Some(false));
-            edges.suspect = answered.is_some_and(|(t, _)| *t <= until);
-        }
+        let answered = edges.slo.iter().find(|(_, level)| *level == Some(false));
+        edges.suspect = edges
+            .suspect
+            .filter(|(until, _)| answered.is_some_and(|(t, _)| t <= until));
         if !edges.rises.is_empty() {
             self.done.push_back(edges);
         } else {
@@ -316,7 +315,9 @@ fn sample(edges: &Edges, trace: &mut Trace) {
         .copied()
         .unwrap_or(0);
     trace.idle = edges.idle;
-    trace.misplaced = edges.suspect;
+    trace.misplaced_ns = edges
+        .suspect
+        .map(|(_, pause)| u32::try_from(pause).unwrap_or(u32::MAX));
     trace.cut = match (edges.headless, edges.tailless) {
         (true, _) => Some(Cut::Begin),
         (false, true) => Some(Cut::End),

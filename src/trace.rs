@@ -186,8 +186,9 @@ pub struct Trace {
     pub delay_ns: Option<u32>,
     /// Last MA edge to SL = 1.
     pub ready_ns: Option<u32>,
-    /// What answered may have answered an earlier cycle, whose clocks paused before its Ack came.
-    pub misplaced: bool,
+    /// What answered may have answered an earlier cycle, whose clocks paused for so long
+    /// before its Ack came.
+    pub misplaced_ns: Option<u32>,
     /// Surplus clocks that must have been sampled after the stop bit: links that plan their clocks check a frame
     /// with them that may have begun anew while they could not look.
     pub surplus: u16,

@@ -361,6 +361,18 @@ fn retries_repeat_a_bad_frame() {
     assert!(tries > 60);
 }
 
+/// The wait for a slot is no part of a frame's own time.
+#[test]
+fn retries_have_room_in_a_long_slot() {
+    let (stdout, ..) = run("read sim:fast,no-ack=30%,seed=3 -n 30 -i 1ms --retries 9 -o json -q");
+    let records = json(&stdout);
+    assert!(records.iter().all(|r| r["ok"] == true), "{stdout}");
+    assert!(records.iter().any(|r| r["tries"] != 1), "{stdout}");
+    for (slot, record) in records.iter().enumerate() {
+        assert_eq!(record["seq"], slot);
+    }
+}
+
 fn spawn(args: &[&str]) -> (Child, BufReader<std::process::ChildStdout>) {
     let mut child = biss(args)
         .stdout(Stdio::piped())
@@ -433,7 +445,7 @@ fn sigterm_and_sighup_are_what_it_dies_of() {
 
 #[test]
 fn a_broken_pipe_is_a_quiet_end() {
-    let (mut child, mut stdout) = spawn(&["read", "sim", "-n", "0", "-q"]);
+    let (mut child, mut stdout) = spawn(&["read", "sim", "-n", "0"]);
     stdout.read_line(&mut String::new()).unwrap();
     drop(stdout);
     let mut stderr = String::new();

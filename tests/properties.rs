@@ -285,7 +285,7 @@ fn every_fault_has_its_numbers() {
         plain(&frame.replacen('1', "0", 1)),
         Some(Fault::NotReady { waited_ns: None })
     );
-    assert_eq!(plain(&"1".repeat(60)), Some(Fault::NoAck { clocks: 59 }));
+    assert_eq!(plain(&"1".repeat(60)), Some(Fault::NoAck { clocks: 58 }));
     assert_eq!(
         plain(&format!("{}{}", "1".repeat(45), &frame[1..])),
         Some(Fault::NoAck { clocks: 40 }),

@@ -196,10 +196,11 @@ impl Run<'_> {
         let result = self.frames(&mut master, &mut summary, count);
         let result = result.and_then(|()| self.printer.borrow_mut().flush().map_err(writing));
         let signal = self.signals.caught();
-        if !args.quiet {
+        let gone = result.as_ref().is_err_and(is_broken_pipe);
+        if !args.quiet && !gone {
             if !live && signal.is_none() && summary.cycles < count.max(1) {
                 note(format_args!(
-                    "the recording ended after {} whole frames",
+                    "the recording ended, whole frames in it: {}",
                     summary.cycles
                 ));
             }
@@ -209,7 +210,7 @@ impl Run<'_> {
         }
         // Whoever reads may have enough; then what was delivered counts.
         let enough = match result {
-            Err(error) if is_broken_pipe(&error) => true,
+            Err(_) if gone => true,
             other => {
                 other?;
                 count == 0 || summary.cycles >= count
