@@ -196,10 +196,15 @@ impl<'a> Master<'a> {
     fn learn(&mut self) -> Result<(), Error> {
         for _ in 0..LEARNING_FRAMES {
             if self.learned().is_some() {
+                // From here on the clocks are planned by what is known.
+                self.widen = 0;
                 break;
             }
             self.attempt(0)?;
             self.judge();
+            if let Some(fault) = self.fault() {
+                self.more_room(fault);
+            }
         }
         Ok(())
     }
