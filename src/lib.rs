@@ -21,7 +21,7 @@
 //!
 //! The library is an hourglass. A [`link`] runs cycles on two wires and returns one [`trace::Trace`] each: one SL level
 //! per rising edge. A [`protocol::Protocol`], BiSS-C being [`frame::BissC`], turns a trace into words or a named
-//! [`frame::Fault`]. The [`master::Master`] joins them. The [`slave`] is the other end of the wires.
+//! [`cycle::Fault`]. The [`master::Master`] joins them. The [`slave`] is the other end of the wires.
 //!
 //! ```
 //! use biss::{frame::BissC, link::sim, master::Master};
@@ -38,6 +38,7 @@
 //! ```
 
 pub mod crc;
+pub mod cycle;
 pub mod format;
 pub mod frame;
 pub mod link;

@@ -3,7 +3,7 @@
 //!
 //! It knows no clock but the link's.
 
-use crate::frame::{Cycle, Fault};
+use crate::cycle::{Cycle, Fault};
 use crate::link::{Clock, Error, Link, Phase};
 use crate::protocol::{Ability, Protocol};
 use crate::trace::{Ask, Clocks, Cut, Trace, Until};

@@ -2,8 +2,8 @@
 
 use crate::cli::{ColorWhen, OutputFormat, TimeStyle};
 use anstyle::{AnsiColor, Style};
+use biss::cycle::{Cycle, Fault, Word};
 use biss::format::{Channel, Format, Kind};
-use biss::frame::{Cycle, Fault, Word};
 use biss::trace::Trace;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Display;

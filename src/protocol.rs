@@ -2,8 +2,8 @@
 //!
 //! BiSS-C ([`crate::frame::BissC`]) is the first to implement it; links and commands know only this.
 
+use crate::cycle::Cycle;
 use crate::format::Format;
-use crate::frame::Cycle;
 use crate::trace::{Clocks, Trace};
 
 /// What the link can do and what has been learned about the encoder, as far as it shapes the next cycle.

@@ -387,7 +387,8 @@ fn measure_levels(edges: &Edges, trace: &mut Trace) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{BissC, Cycle, Fault};
+    use crate::cycle::{Cycle, Fault};
+    use crate::frame::BissC;
     use crate::protocol::Protocol;
     use crate::slave::{Config, Slave};
 

@@ -1,8 +1,8 @@
 //! What one frame cannot tell and a row of them can: where the start bit may stand, and whether the
 //! sign-of-life counter counts.
 
+use crate::cycle::{Cycle, Fault};
 use crate::format::{Format, Kind, MAX_CHANNELS};
-use crate::frame::{Cycle, Fault};
 
 /// What to do with a cycle that was judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -198,7 +198,8 @@ impl Heads {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{BissC, Head, emit};
+    use crate::cycle::Head;
+    use crate::frame::{BissC, emit};
     use crate::protocol::Protocol;
     use crate::trace::Trace;
 

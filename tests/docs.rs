@@ -14,7 +14,7 @@
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 use biss::Format;
-use biss::frame::Fault;
+use biss::cycle::Fault;
 use biss::link::Spec;
 use biss::slave::KEYS;
 use biss::unit::{Hertz, Nanos};

@@ -4,7 +4,8 @@
 mod common;
 
 use biss::Format;
-use biss::frame::{BissC, Cycle, Fault, Head, emit};
+use biss::cycle::{Cycle, Fault, Head};
+use biss::frame::{BissC, emit};
 use biss::link::{Link, sim};
 use biss::master::{Master, Slot};
 use biss::protocol::{Ability, Protocol};

@@ -2,7 +2,8 @@
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 use biss::Format;
-use biss::frame::{BissC, Cycle, Head, emit};
+use biss::cycle::{Cycle, Head};
+use biss::frame::{BissC, emit};
 use biss::protocol::Protocol;
 use biss::trace::{Bits, Trace};
 
@@ -174,7 +175,7 @@ fn null_value() {
     let protocol = BissC::new("st24,nE,nW,crc6".parse().unwrap());
     let mut cycle = Cycle::default();
     protocol.decode(&trace("1010000000000000000000000000001111110"), &mut cycle);
-    assert_eq!(cycle.words()[0].fault(), Some(biss::frame::Fault::Null));
+    assert_eq!(cycle.words()[0].fault(), Some(biss::cycle::Fault::Null));
     assert_eq!(cycle.words()[0].good(), None);
     assert_eq!(cycle.words()[0].raw(), (0, 0x3F));
 }

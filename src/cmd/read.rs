@@ -127,13 +127,18 @@ fn open(
             Box::new(link)
         }
         Kind::File { path, ma, slo } => {
-            let name = path.display().to_string();
+            let stdin = path.as_os_str() == "-";
+            let name = if stdin {
+                "standard input".into()
+            } else {
+                path.display().to_string()
+            };
             let said = |e| {
                 anyhow!(
                     "opening the recording {name}: {e}\n  check the path; a comma in it is written \\,"
                 )
             };
-            let file = if path.as_os_str() == "-" {
+            let file = if stdin {
                 sys::stdin()
             } else {
                 File::open(path)
