@@ -160,7 +160,7 @@ pub(crate) struct Timeout {
 }
 
 /// Longest static timeout (D2 Table 10).
-pub(crate) const TIMEOUT_MAX: Nanos = Nanos(40_000);
+pub(crate) const TIMEOUT_MAX: Nanos = Nanos(biss::limits::TIMEOUT_MAX_NS);
 
 impl FromStr for Timeout {
     type Err = ParseError;

@@ -18,8 +18,9 @@ pub struct Crc {
     table: &'static crc::Crc<u16>,
 }
 
-/// The polynomials a width alone stands for. Widths 3 to 16: BiSS C protocol description D2, and the
-/// length-selected defaults of iC-MB4 and NXP's driver; 0x43 is what nearly all encoders use.
+/// The polynomials a width alone stands for. 4: control channel (D2, p. 14); 5: universal profile BP0 and iC-MD; 6: standard
+/// encoder profile BP3 (BiSS Safety Concept A5, p. 4), what nearly all encoders use; 16: safety profile BP3S (same); 3, 7
+/// and 8: chosen by length in iC-MB4 and in NXP's driver.
 const DEFAULTS: [(u8, u32); 7] = [
     (3, 0xB),
     (4, 0x13),

@@ -3,11 +3,12 @@
 //! One cycle, as MA and SLO show it (BiSS C protocol description D2, p. 5-7):
 //!
 //! ```text
-//!        edge:  1   2   3   4   5              n   timeout
-//! MA  ──┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌── … ──┐ ┌─────────────────
-//!       └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘       └─┘      CDM: high = 0, low = 1
-//! SLO ──────────┐       ┌───┐   ┌───────────┐           ┌──────
-//!          LAT  └─ Ack ─┘ S └CDS┴ data, CRC ┴── stop ───┘ ready
+//! edge          1     2     3     4     5     6        n-1    n
+//!       _____    __    __    __    __    __    __        __    __________________
+//! MA         |__|  |__|  |__|  |__|  |__|  |__|   .. ___|  |__|
+//!       _______________       _____       _____ _____    ______              _______
+//! SLO                  |_____|     |_____|__D__|__D__ .. |__C__|____________|
+//!        idle    LAT    Ack   Start  CDS   data          CRC    stop, timeout  ready
 //! ```
 //!
 //! * **MA**: clock, master to slave, idle high. **SLO**, at the master **SL**: data, idle high, changes after rising
@@ -41,6 +42,7 @@ pub mod crc;
 pub mod cycle;
 pub mod format;
 pub mod frame;
+pub mod limits;
 pub mod link;
 pub mod master;
 pub mod parse;

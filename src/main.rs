@@ -49,7 +49,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
             }
         }
         Err(error) => {
-            output::note(format_args!("{error:#}"));
+            output::note(&error);
             ExitCode::from(FAILED)
         }
     }

@@ -4,14 +4,12 @@
 //! It knows no clock but the link's.
 
 use crate::cycle::{Cycle, Fault};
-use crate::link::{Clock, Error, Link, Phase};
+use crate::limits::REST_NS;
+use crate::link::{Error, Link, Phase};
 use crate::protocol::{Ability, Protocol};
-use crate::trace::{Ask, Clocks, Cut, Trace, Until};
+use crate::trace::{Ask, Cut, Trace};
 use crate::track::{Tracker, Verdict};
 use crate::unit::Hertz;
-
-/// MA rests this long after power-up and after any fault (D2, p. 12).
-const REST_NS: u64 = 40_000;
 
 /// Frames spent on learning where the start bit stands, and on a frame whose start bit stands elsewhere.
 const LEARNING_FRAMES: u32 = 8;
@@ -323,13 +321,8 @@ impl<'a> Master<'a> {
         {
             return Ok(true);
         }
-        // INIT: two low pulses on MA, which then stays high (D2, p. 12 Fig 22).
-        let clocks = Clocks {
-            until: Until::Clocks(2),
-            stretch_ns: 0,
-            cdm: [false; 2],
-            hold_ns: 0,
-            ready_ns: None,
+        let Some(clocks) = self.protocol.init() else {
+            return Ok(true);
         };
         let init = Ask { at_ns: 0, clocks };
         self.link
@@ -514,11 +507,6 @@ impl<'a> Master<'a> {
         }
         let steady = heads.is_some_and(|(low, high)| high - low <= 1);
         Ok(if steady { good } else { good / 2 })
-    }
-
-    /// The MA clock as it runs.
-    pub fn clock(&self) -> Clock {
-        self.link.clock()
     }
 }
 

@@ -239,13 +239,7 @@ impl<'a> Record<'a> {
         }
         if self.verbose {
             separate(out);
-            out.extend(
-                self.shot
-                    .trace
-                    .bits
-                    .iter()
-                    .map(|bit| if bit { b'1' } else { b'0' }),
-            );
+            write!(out, "{}", self.shot.trace.bits)?;
         }
         Ok(())
     }
@@ -408,7 +402,7 @@ impl Record<'_> {
             map.serialize_entry("scd", &Shown(format_args!("{scd:0digits$x}")))?;
         }
         if self.verbose || self.ch.is_none() {
-            map.serialize_entry("bits", &BitText(self.shot.trace))?;
+            map.serialize_entry("bits", &Shown(format_args!("{}", self.shot.trace.bits)))?;
         }
         Ok(())
     }
@@ -420,23 +414,6 @@ struct Shown<'a>(std::fmt::Arguments<'a>);
 impl Serialize for Shown<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(&self.0)
-    }
-}
-
-struct BitText<'a>(&'a Trace);
-
-impl Display for BitText<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0
-            .bits
-            .iter()
-            .try_for_each(|bit| f.write_str(if bit { "1" } else { "0" }))
-    }
-}
-
-impl Serialize for BitText<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
     }
 }
 

@@ -1,4 +1,4 @@
-//! The second trait of the design: a request becomes a cycle, a trace becomes words.
+//! The second trait beside [`crate::link::Link`]: a request becomes a cycle, a trace becomes words.
 //!
 //! BiSS-C ([`crate::frame::BissC`]) is the first to implement it; links and commands know only this.
 
@@ -27,6 +27,10 @@ pub trait Protocol {
     fn format(&self) -> &Format;
     /// The cycle to run next.
     fn request(&self, ability: &Ability) -> Clocks;
+    /// What wakes a slave whose SL stays 0; `None` where the protocol has nothing of the kind.
+    fn init(&self) -> Option<Clocks> {
+        None
+    }
     /// Whatever the wire said, as words or named faults. Never panics.
     fn decode(&self, trace: &Trace, cycle: &mut Cycle);
 }

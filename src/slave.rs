@@ -10,7 +10,6 @@ use crate::format::{Channel, Format, Kind};
 use crate::parse::ParseError;
 use crate::unit::{Nanos, probability};
 use std::collections::VecDeque;
-use std::fmt;
 use std::ops::RangeInclusive;
 
 /// When the slave takes a pause on MA for the end of the frame.
@@ -386,11 +385,6 @@ impl Slave {
         }
     }
 
-    /// The settings it was made with.
-    pub fn config(&self) -> &Config {
-        &self.config
-    }
-
     /// How often a measurement was latched.
     pub fn latches(&self) -> u64 {
         self.latches
@@ -654,16 +648,6 @@ impl CrcBits {
             shifted ^ (self.poly & ((1 << self.bits) - 1))
         } else {
             shifted
-        }
-    }
-}
-
-impl fmt::Display for Timeout {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Timeout::Static(t) => write!(f, "{t}"),
-            Timeout::Adaptive { .. } => f.write_str("adaptive"),
-            Timeout::FromRequest(_) => f.write_str("request"),
         }
     }
 }

@@ -3,6 +3,7 @@
 //! A cycle ends where the slave says so, when SL returns to 1 while MA rests, or when MA has rested longer than
 //! any timeout. A pause that is neither stays inside its cycle, where it is found as a stall.
 
+use crate::limits::{LINE_DELAY_MAX_NS, TIMEOUT_MIN_NS};
 use crate::trace::{Cut, MAX_CLOCKS, Trace};
 use std::collections::VecDeque;
 
@@ -109,12 +110,6 @@ impl Edges {
     }
 }
 
-/// No frame pauses as long as the shortest static timeout (D2 Table 10).
-const PAUSE_MAX_NS: u64 = 12_500;
-
-/// Longest line delay (D2 Table 10).
-const DELAY_MAX_NS: u64 = 40_000;
-
 impl Slicer {
     /// For slaves whose timeout is at most this long. A rest of MA longer than that and the line delay ends every
     /// frame, whatever SL does (D2, p. 12: 40 µs).
@@ -184,8 +179,8 @@ impl Slicer {
     fn settle(&mut self, t_ns: u64) {
         let since = self.cycle.last_edge().or(self.begun).unwrap_or(t_ns);
         let delay = match self.cycle.headless {
-            true => DELAY_MAX_NS,
-            false => self.cycle.delay().unwrap_or(0).min(DELAY_MAX_NS),
+            true => LINE_DELAY_MAX_NS,
+            false => self.cycle.delay().unwrap_or(0).min(LINE_DELAY_MAX_NS),
         };
         let limit = self.timeout_ns.saturating_add(delay);
         if t_ns.saturating_sub(since) <= limit {
@@ -241,7 +236,7 @@ impl Slicer {
             if self.cycle.period().is_some_and(|period| rest > 3 * period) {
                 let asked = self.cycle.rises.get(1).or(self.cycle.rises.last());
                 suspect = asked
-                    .map(|t| (t.saturating_add(DELAY_MAX_NS), rest))
+                    .map(|t| (t.saturating_add(LINE_DELAY_MAX_NS), rest))
                     .max(self.cycle.suspect);
                 self.end(t_ns, None);
             }
@@ -286,7 +281,7 @@ impl Slicer {
             let rest = first.zip(before).map(|(first, before)| first - before);
             let needed = edges
                 .period()
-                .map(|period| PAUSE_MAX_NS.max(period + period / 2));
+                .map(|period| TIMEOUT_MIN_NS.max(period + period / 2));
             let rested = rest.zip(needed).is_some_and(|(rest, needed)| rest > needed);
             edges.headless = edges.idle != Some(true) || !rested;
         }

@@ -3,6 +3,8 @@
 //! Numbering, once and for all: bit 0 of a [`Trace`] is the SL level set by rising MA edge 1 (LAT), so a frame
 //! reads `1 0…0 1 CDS data… CRC 0`. Edges count from 1. The level before the first edge is a field of its own.
 
+use std::fmt;
+
 /// Most rising edges one cycle can hold: eight full channels, both search limits at 10 MHz, and room.
 pub const MAX_CLOCKS: usize = 2048;
 
@@ -102,6 +104,13 @@ impl Bits {
     }
 }
 
+impl fmt::Display for Bits {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.iter()
+            .try_for_each(|bit| f.write_str(if bit { "1" } else { "0" }))
+    }
+}
+
 impl Extend<bool> for Bits {
     fn extend<T: IntoIterator<Item = bool>>(&mut self, bits: T) {
         bits.into_iter().for_each(|bit| self.push(bit));
@@ -129,6 +138,8 @@ pub enum Until {
 pub struct Clocks {
     /// When to stop.
     pub until: Until,
+    /// Clocks that must be sampled after the frame, on links that plan their clocks.
+    pub surplus: u16,
     /// First low, high and low level together; 0 leaves them as long as all others. Only for slaves known to
     /// be adaptive.
     pub stretch_ns: u32,
@@ -189,8 +200,7 @@ pub struct Trace {
     /// What answered may have answered an earlier cycle, whose clocks paused for so long
     /// before its Ack came.
     pub misplaced_ns: Option<u32>,
-    /// Surplus clocks that must have been sampled after the stop bit: links that plan their clocks check a frame
-    /// with them that may have begun anew while they could not look.
+    /// [`Clocks::surplus`], where the link plans its clocks.
     pub surplus: u16,
     /// A recording that does not show the whole cycle.
     pub cut: Option<Cut>,

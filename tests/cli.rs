@@ -103,6 +103,37 @@ fn keys_come_in_their_order() {
     assert_eq!(keys(stdout.trim_end()).join(" "), wanted);
 }
 
+/// A data field must not take the name of anything else in a record.
+#[test]
+fn no_field_can_be_named_like_a_key() {
+    let mut keys = std::collections::BTreeSet::new();
+    for args in [
+        "read sim:frame=mt4,st12,lc6,nE,nW,crc6+pos8,E -n 2 -o json -v",
+        "read sim -t delta -o json",
+        "read sim -t unix -o json",
+        "read sim:stuck=0 -o json",
+        "read sim:stuck=1 -o json",
+        "read sim:no-start=1 -o json",
+        "read sim:crc-error=1 -o json",
+        "read sim -c 50kHz -o json -q",
+        "read sim:frame=st26,nE,nW,crc6 -f st20,nE,nW,crc6 -n 20 -o json -q",
+        "read file:tests/recordings/faults.vcd -f st26,nE,nW,crc6 -o json -q",
+        "read file:tests/recordings/flags.vcd -f st26,nE,nW,crc6 -o json -q",
+    ] {
+        for record in json(&run(args).0) {
+            keys.extend(record.as_object().unwrap().keys().cloned());
+        }
+    }
+    assert!(keys.len() > 30, "{keys:?}");
+    for key in keys {
+        let error = format!("data8={key}")
+            .parse::<biss::Format>()
+            .expect_err(&key)
+            .to_string();
+        assert!(error.contains("something else in a record"), "{error}");
+    }
+}
+
 /// The promise, at the last place where it could be broken: no record with a fault has a position of any name.
 #[test]
 fn a_record_with_a_fault_has_no_position() {

@@ -116,7 +116,7 @@ impl Link for Planned {
             trace.reset();
             trace.t_ns = self.now_ns();
             trace.ma_period_ns = Some(self.hz.period_ns() as u32);
-            trace.surplus = 2;
+            trace.surplus = ask.clocks.surplus;
             let read = self.transfer((usize::from(clocks) + 1).div_ceil(8) * 8);
             trace.idle = Some(read[0]);
             trace.bits.extend(read[1..].iter().copied());
@@ -233,7 +233,8 @@ fn a_dead_line_is_named_and_left_behind() {
 #[test]
 fn the_steadier_phase_is_taken() {
     for (delay, phase) in [
-        ("480ns", Phase::Half),
+        // With mode 2 sampling just there, mode 3 is as far from it as can be.
+        ("480ns", Phase::Whole),
         ("990ns", Phase::Half),
         ("20ns", Phase::Whole),
         ("300ns", Phase::Whole),
@@ -248,14 +249,12 @@ fn the_steadier_phase_is_taken() {
             run(&mut master, 100).iter().filter(|f| f.is_none()).count()
         };
         assert_eq!(good, 100, "{delay}");
-        if delay != "480ns" {
-            assert_eq!(link.phase, phase, "{delay}");
-        }
+        assert_eq!(link.phase, phase, "{delay}");
     }
 }
 
 /// A gap in the clock that spidev cannot see, in mid-frame, at random: what CRC-6, stop, surplus bits and the learned
-/// start bit let pass. The goal is 0.2 % (P12 of the project's goals); the figure is printed.
+/// start bit let pass. At most 0.2 % may; the figure is printed.
 #[test]
 fn restarts_that_nobody_sees_hardly_pass() {
     let mut rng = common::rng();

@@ -239,7 +239,7 @@ fn no_input_panics_and_what_is_good_has_a_good_crc() {
     println!("{good} good by chance");
 }
 
-/// Every fault of the design, with its numbers, from a frame that has it.
+/// Every fault, with its numbers, from a frame that has it.
 #[test]
 fn every_fault_has_its_numbers() {
     let format = "st8,nE,nW,crc6";

@@ -4,9 +4,10 @@ use super::{Ended, Outcome};
 use crate::cli;
 use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::{self, Signals};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use biss::Format;
 use biss::frame::{BissC, Stall};
+use biss::limits;
 use biss::link::{self, Kind, Link};
 use biss::master::{Master, Slot};
 use biss::trace::{Cut, Trace};
@@ -17,12 +18,6 @@ use std::io;
 use std::rc::Rc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// The slowest clock of the specification (D2 Table 10).
-const SLOWEST: Hertz = Hertz(80_000);
-
-/// From here on a clock alone outlasts the shortest timeout, less a little (D2 Table 10: 12.5 µs).
-const STALL_NS: u64 = 12_000;
-
 /// `-c` where nothing else is said, on links that do it.
 const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 
@@ -30,7 +25,9 @@ pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
     let format = choose_format(&args, frame_given)?;
     check(&args)?;
     schedule(&args)?;
-    let signals = Signals::catch().context("catching signals")?;
+    let signals = Signals::catch().map_err(|e| {
+        anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
+    })?;
     let printer = Printer::new(args.format, args.time, args.color, args.verbose);
     let printer = Rc::new(RefCell::new(printer));
     let mut link = open(&args, &format, &signals, &printer)?;
@@ -83,7 +80,7 @@ fn choose_format(args: &cli::Read, given: bool) -> Result<Format> {
 /// What has no meaning on a recording is a mistake, not something to be ignored.
 fn check(args: &cli::Read) -> Result<()> {
     if args.interval == Some(Nanos(0)) {
-        bail!("--interval 0 is no interval\n  leave it away to read back to back");
+        bail!("--interval 0 is no interval\n  leave it out to read back to back");
     }
     if !matches!(args.link.kind, Kind::File { .. }) {
         return Ok(());
@@ -96,7 +93,7 @@ fn check(args: &cli::Read) -> Result<()> {
         ("--time unix", args.time == cli::TimeStyle::Unix),
     ];
     match live_only.iter().find(|(_, set)| *set) {
-        Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it away"),
+        Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it out"),
         None => Ok(()),
     }
 }
@@ -147,7 +144,11 @@ fn open(
             // What was read shall be seen before more of a slow pipe is waited for. Errors come back with the next record.
             let printer = Rc::clone(printer);
             let flush = move || drop(printer.borrow_mut().flush());
-            let input = sys::Input::new(file, signals, flush).context("waiting for input")?;
+            let input = sys::Input::new(file, signals, flush).map_err(|e| {
+                anyhow!(
+                    "waiting for input: {e}\n  is a limit of this process used up (`ulimit -a`)?"
+                )
+            })?;
             let timeout_max_ns = args
                 .timeout
                 .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
@@ -188,8 +189,7 @@ struct Run<'a> {
 impl Run<'_> {
     fn all(mut self, link: &mut dyn Link) -> Result<Ended> {
         let live = link.caps().live;
-        let caught = self.signals.watch();
-        let stop = move || caught();
+        let stop = self.signals.watch();
         let mut master = Master::new(link, self.protocol, self.args.retries);
         master.stop_when(&stop);
         self.open(&mut master)?;
@@ -240,14 +240,14 @@ impl Run<'_> {
         if self.args.quiet || !master.link().caps().live {
             return Ok(());
         }
-        let clock = master.clock();
-        if clock.hz < SLOWEST {
+        let clock = master.link().clock();
+        if clock.hz.0 < limits::CLOCK_MIN_HZ {
             note(format_args!(
                 "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
             ));
         }
         if master.link().caps().times_levels && self.protocol.stall == Stall::Unknown {
-            if clock.hz.period_ns() >= STALL_NS {
+            if clock.hz.period_ns() >= limits::LEVEL_MAX_NS {
                 note(
                     "a clock takes 12 us or more, as long as some slaves wait: frames count as stalled unless --timeout says more",
                 );
@@ -347,11 +347,11 @@ impl Run<'_> {
 
     /// Sleeps until shortly before a slot, the rest is the link's; a virtual clock leaves no rest.
     fn pace(&mut self, wait_ns: u64, whole: bool) -> Result<()> {
-        const REST_NS: u64 = 1_000_000;
+        const MARGIN_NS: u64 = 1_000_000;
         let wait = if whole {
             wait_ns
         } else {
-            wait_ns.saturating_sub(REST_NS)
+            wait_ns.saturating_sub(MARGIN_NS)
         };
         if wait > 0 {
             self.printer.borrow_mut().flush().map_err(writing)?;
@@ -374,8 +374,18 @@ impl Run<'_> {
 
 /// Broken pipes are told from other troubles by the error's own kind.
 fn writing(error: io::Error) -> anyhow::Error {
-    let hint = "is the disk full, or the reader gone?";
-    anyhow::Error::from(error).context(format!("writing records ({hint})"))
+    let said = format!("writing records: {error}\n  make room, or write elsewhere");
+    anyhow::Error::from(error).context(Said(said))
+}
+
+/// All three parts of an error in one; what is under it would only repeat the second.
+#[derive(Debug)]
+struct Said(String);
+
+impl std::fmt::Display for Said {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
 }
 
 fn unix_us() -> i128 {

@@ -49,9 +49,6 @@ pub struct Bang<P> {
     stop_seen: bool,
 }
 
-/// MA is high this long before the first cycle and on the way out (D2, p. 12: 40 µs reset everything).
-pub const REST_NS: u64 = 40_000;
-
 /// 250 kHz: the slowest clock that every slave must take (D2 Table 10).
 const USUAL_PERIOD_NS: u64 = 4_000;
 
@@ -80,11 +77,6 @@ impl<P: Pins> Bang<P> {
             last_edge_ns,
             stop_seen: false,
         }
-    }
-
-    /// The pins.
-    pub fn pins(&self) -> &P {
-        &self.pins
     }
 
     /// The pins, to change what they stand for.

@@ -345,7 +345,7 @@ impl Link for Recording {
         Err(Error::new(
             doing,
             "a recording has the clock it was made with",
-            "leave --clock away",
+            "leave --clock out",
         ))
     }
 

@@ -2,8 +2,9 @@
 //!
 //! A v1 handle has one direction, so MA and SLO have one each; single-line handles do not allocate.
 
-use super::bitbang::{Bang, Pins, REST_NS};
+use super::bitbang::{Bang, Pins};
 use super::{Error, Monotonic};
+use crate::limits::REST_NS;
 use gpio_cdev::{Chip, Line, LineHandle, LineRequestFlags};
 use nix::errno::Errno;
 use std::error::Error as _;
@@ -233,7 +234,6 @@ fn request(
     }
     line.request(flags, value, consumer)
         .map_err(|e| match errno(&e) {
-            Some(Errno::EINVAL | Errno::ENOTTY) => no_v1(&chip, &e),
             Some(Errno::EBUSY) => Error::new(
                 &doing,
                 &e,

@@ -4,6 +4,7 @@
 //! that rising edge k has set: mode 3 takes it with edge k+1, mode 2 half a clock before.
 
 use super::{Caps, Clock, Error, Known, Link, Monotonic, Phase};
+use crate::limits::{LINE_DELAY_MAX_NS, REST_NS};
 use crate::trace::{Ask, MAX_CLOCKS, Trace, Until};
 use crate::unit::Hertz;
 use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
@@ -29,8 +30,8 @@ pub struct Spi {
 /// What every encoder must take at first contact (D2 Table 10).
 const FIRST_CLOCK: Hertz = Hertz(1_000_000);
 
-/// MA rests this long after the controller may have set its idle level (D2, p. 12), and the line delay on top.
-const REST_NS: u64 = 80_000;
+/// MA rests this long after the controller may have moved it: the slave's rest, and the way back.
+const SETTLE_NS: u64 = REST_NS + LINE_DELAY_MAX_NS;
 
 /// Opens a spidev. `phase` fixes the sampling phase, `pad` bytes are clocked on top of every frame.
 ///
@@ -153,7 +154,7 @@ impl Spi {
             for (best, bytes) in best.iter_mut().zip([short, long]) {
                 let began = self.transfer(bytes)?;
                 *best = (*best).min(self.last_end_ns - began);
-                self.rest(REST_NS);
+                self.rest(SETTLE_NS);
             }
         }
         let clocks = (long - short) as u64 * 8;
@@ -209,7 +210,7 @@ impl Link for Spi {
         };
         // Drivers set the idle level of the clock with the first message only. To the encoder this is INIT.
         self.transfer(1)?;
-        self.rest(REST_NS);
+        self.rest(SETTLE_NS);
         Ok(self.clock)
     }
 
@@ -225,7 +226,7 @@ impl Link for Spi {
 
     fn set_phase(&mut self, phase: Phase) -> Result<(), Error> {
         self.configure(phase)?;
-        self.time.until(self.time.now_ns() + REST_NS);
+        self.time.until(self.time.now_ns() + SETTLE_NS);
         Ok(())
     }
 
@@ -252,7 +253,7 @@ impl Link for Spi {
             trace.t_ns = self.transfer(bytes)?;
             trace.ma_period_ns = u32::try_from(self.clock.hz.period_ns()).ok();
             trace.cdm = Some(false);
-            trace.surplus = 2;
+            trace.surplus = ask.clocks.surplus;
             let bits = self
                 .buffer
                 .iter()
