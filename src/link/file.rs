@@ -91,7 +91,7 @@ impl Recording {
         let mut parser = Parser::new(reader);
         let header = parser
             .parse_header()
-            .map_err(|e| Error::new(&doing, format!("line {}: {e}", parser.line()), HINT))?;
+            .map_err(|e| Error::new(&doing, complaint(&e), HINT))?;
         let (count, unit) = header
             .timescale
             .ok_or_else(|| Error::new(&doing, "it has no $timescale", HINT))?;
@@ -178,7 +178,7 @@ impl Recording {
             }
             Some(Ok(_)) => {}
             Some(Err(error)) => {
-                self.spoiled(error.to_string());
+                self.spoiled(complaint(&error));
                 return false;
             }
             None => return false,
@@ -187,10 +187,14 @@ impl Recording {
     }
 
     fn spoiled(&mut self, said: String) {
-        let line = self.parser.line();
+        let doing = format!(
+            "reading the recording {}, line {}",
+            self.name,
+            self.parser.line()
+        );
         self.damage = Some(Error::new(
-            format!("reading the recording {}", self.name),
-            format!("line {line}: {said}"),
+            doing,
+            said,
             "everything before this line was delivered",
         ));
     }
@@ -228,6 +232,17 @@ impl Recording {
                 self.slicer.finish(self.ns(self.tick));
             }
         }
+    }
+}
+
+/// What is wrong with the text of a file is told from trouble in reading it.
+fn complaint(error: &io::Error) -> String {
+    match error
+        .get_ref()
+        .and_then(|inner| inner.downcast_ref::<vcd::ParseError>())
+    {
+        Some(parse) => format!("this is no VCD: {parse}"),
+        None => error.to_string(),
     }
 }
 
