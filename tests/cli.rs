@@ -139,7 +139,7 @@ fn no_field_can_be_named_like_a_key() {
 fn a_record_with_a_fault_has_no_position() {
     let mut rng = common::rng();
     let mut kinds = std::collections::BTreeSet::new();
-    for _ in 0..common::size(60) {
+    for _ in 0..common::size(60).max(60) {
         let format = common::format(&mut rng);
         let link = format!(
             "sim:crc-error=20%,no-ack=10%,no-start=10%,null=20%,flip=0.2%,busy=0us..9us,seed={},frame={format}",
@@ -608,4 +608,39 @@ fn a_recording_on_standard_input() {
     .unwrap();
     let expected = std::fs::read_to_string("tests/recordings/bench.json").unwrap();
     assert_eq!(texts(output), (expected, String::new(), Some(0)));
+}
+
+/// SL comes back in a later slot than the one that was due: the record has the number of the slot it was run in, and
+/// every slot between counts as skipped.
+#[test]
+fn a_frame_that_is_pushed_into_a_later_slot_has_its_number() {
+    let (stdout, said, _) = run("read sim:timeout=40us,fast -i 20us -n 6 -o json --clock 1MHz");
+    let records = json(&stdout);
+    let t = |r: &Value| r["t_ns"].as_u64().unwrap();
+    let seq = |r: &Value| r["seq"].as_u64().unwrap();
+    let frames: Vec<&Value> = records.iter().collect();
+    for pair in frames.windows(2) {
+        let slots = (t(pair[1]) - t(pair[0])) as f64 / 20_000.0;
+        let numbers = (seq(pair[1]) - seq(pair[0])) as f64;
+        assert!((slots - numbers).abs() < 1.0, "{slots} {numbers}");
+    }
+    let summary: Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
+    let missed = seq(frames[frames.len() - 1]) - seq(frames[0]) + 1 - frames.len() as u64;
+    assert_eq!(summary["skipped"].as_u64(), Some(missed), "{summary}");
+}
+/// Repeating ends with the slot.
+#[test]
+fn retries_end_with_their_slot() {
+    let (stdout, ..) =
+        run("read sim:crc-error=100%,fast -i 400us -n 3 -o json --clock 1MHz --retries 1000");
+    let records = json(&stdout);
+    let frames: Vec<&Value> = records.iter().collect();
+    let numbers: Vec<u64> = frames.iter().map(|r| r["seq"].as_u64().unwrap()).collect();
+    assert_eq!(numbers, [0, 1, 2], "{frames:?}");
+    assert!(
+        frames
+            .iter()
+            .all(|r| (2..6).contains(&r["tries"].as_u64().unwrap())),
+        "{frames:?}"
+    );
 }

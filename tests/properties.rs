@@ -368,11 +368,13 @@ fn every_fault_has_its_numbers() {
 /// after it are good.
 #[test]
 fn cdm_goes_out_as_the_cds_of_the_same_frame_says() {
-    for (timeout, cds) in [
-        ("20us", false),
-        ("20us", true),
-        ("adaptive", false),
-        ("request", true),
+    use biss::link::Phase::{Half, Quarter, ThreeQuarters, Whole};
+    for (timeout, cds, phase) in [
+        ("20us", false, Whole),
+        ("20us", true, ThreeQuarters),
+        ("adaptive", false, Half),
+        ("adaptive", true, Quarter),
+        ("request", true, Whole),
     ] {
         let config = format!(
             "timeout={timeout},cds={},motion=count,pos=9,frame=st8,crc6",
@@ -380,6 +382,7 @@ fn cdm_goes_out_as_the_cds_of_the_same_frame_says() {
         );
         let mut link = sim::open(config.parse().unwrap());
         link.set_clock(Hertz(1_000_000)).unwrap();
+        link.set_phase(phase).unwrap();
         let protocol = BissC::new("st8,crc6".parse().unwrap());
         let ability = Ability {
             reacts: true,
@@ -427,6 +430,36 @@ fn cdm_goes_out_as_the_cds_of_the_same_frame_says() {
                 Some(sent),
                 "{timeout}, frame {frame}"
             );
+        }
+    }
+}
+
+/// The first levels are stretched for slaves known to be adaptive, and never while bits may be under way for longer
+/// than a clock.
+#[test]
+fn only_adaptive_slaves_without_delay_get_a_stretched_head() {
+    use biss::frame::Stall;
+    for stall in [
+        Stall::Unknown,
+        Stall::Static { min_ns: 12_000 },
+        Stall::Adaptive,
+    ] {
+        for reacts in [false, true] {
+            for delay_clk in [None, Some(0), Some(1)] {
+                let mut protocol = BissC::new("st8,crc6".parse().unwrap());
+                protocol.stall = stall;
+                let ability = Ability {
+                    reacts,
+                    period_ns: 4000,
+                    head: None,
+                    delay_clk,
+                    widen: 0,
+                };
+                let stretched = protocol.request(&ability).stretch_ns;
+                let wanted = stall == Stall::Adaptive && reacts && delay_clk == Some(0);
+                assert_eq!(stretched > 0, wanted, "{stall:?} {ability:?}");
+                assert!(stretched <= 12_000, "in sum below every static ceiling");
+            }
         }
     }
 }

@@ -368,3 +368,254 @@ fn signals_are_found_by_name_or_listed() {
     assert_eq!(run(",ma=D0,slo=bench.D1").status.code(), Some(0));
     assert_eq!(run(",ma=D0,slo=D0").status.code(), Some(2));
 }
+
+/// What `biss read file:` says of a recording: records, messages, exit status.
+fn read_vcd(name: &str, vcd: &str, frame: &str) -> (Vec<serde_json::Value>, String, Option<i32>) {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.vcd"));
+    std::fs::write(&file, vcd).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_biss"))
+        .args([
+            "read",
+            &format!("file:{}", file.display()),
+            "-f",
+            frame,
+            "-o",
+            "json",
+        ])
+        .env_remove("BISS_FRAME")
+        .output()
+        .unwrap();
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    let records = stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    (
+        records,
+        String::from_utf8(output.stderr).unwrap(),
+        output.status.code(),
+    )
+}
+
+fn positions(records: &[serde_json::Value]) -> Vec<u64> {
+    records
+        .iter()
+        .filter_map(|r| r.get("pos")?.as_u64())
+        .collect()
+}
+
+/// One frame of zeros and one that follows, as lines of VCD; `change` may write more at one edge of the first.
+fn changed(at_edge: usize, change: impl Fn(&mut Bench)) -> String {
+    let mut bench = Bench::new(
+        &format!("motion=count,pos=0,timeout=20us,frame={FRAME}"),
+        500,
+    );
+    bench
+        .rest(50_000)
+        .clocks(EDGES)
+        .rest(50_000)
+        .clocks(at_edge);
+    change(&mut bench);
+    bench
+        .clocks(EDGES - at_edge)
+        .rest(50_000)
+        .clocks(EDGES)
+        .rest(50_000);
+    bench.vcd()
+}
+
+#[test]
+fn nothing_is_guessed_where_slo_is_not_known() {
+    let vcd = changed(12, |bench| {
+        bench.writer.timestamp(bench.t_ns).unwrap();
+        bench.writer.change_scalar(bench.slo_id, Value::X).unwrap();
+        bench.rest(20);
+    });
+    let (records, ..) = read_vcd("slo-x", &vcd, FRAME);
+    assert_eq!(positions(&records), [0, 2], "{records:?}");
+}
+
+#[test]
+fn a_frame_in_which_ma_is_not_known_is_none() {
+    // MA is not known for a moment, in which it may have moved.
+    let vcd = changed(12, |bench| {
+        bench.rest(10);
+        for value in [Value::X, Value::V1] {
+            bench.writer.timestamp(bench.t_ns).unwrap();
+            bench.writer.change_scalar(bench.ma_id, value).unwrap();
+            bench.rest(20);
+        }
+    });
+    let (records, said, _) = read_vcd("ma-x", &vcd, FRAME);
+    assert_eq!(positions(&records), [0, 2], "{records:?} {said}");
+}
+
+#[test]
+fn a_time_scale_that_hides_edges_is_an_error() {
+    let vcd = changed(12, |bench| {
+        bench.rest(10);
+        bench.writer.timestamp(bench.t_ns).unwrap();
+        for value in [Value::V0, Value::V1] {
+            bench.writer.change_scalar(bench.ma_id, value).unwrap();
+        }
+        bench.rest(20);
+    });
+    let (records, said, status) = read_vcd("coarse", &vcd, FRAME);
+    assert_eq!(positions(&records), [0], "{records:?}");
+    assert!(
+        status == Some(2) && said.contains("too coarse"),
+        "{status:?} {said}"
+    );
+}
+
+#[test]
+fn time_that_goes_backwards_is_an_error() {
+    let vcd = changed(12, |bench| {
+        bench.writer.timestamp(bench.t_ns - 700).unwrap();
+    });
+    let (records, said, status) = read_vcd("backwards", &vcd, FRAME);
+    assert_eq!(positions(&records), [0], "{records:?}");
+    assert!(
+        status == Some(2) && said.contains("backwards"),
+        "{status:?} {said}"
+    );
+}
+
+#[test]
+fn a_recording_without_a_frame_is_no_success() {
+    let mut bench = Bench::new(&format!("frame={FRAME}"), 500);
+    let vcd = bench.rest(500_000).vcd();
+    let (records, said, status) = read_vcd("empty", &vcd, FRAME);
+    assert!(
+        records.is_empty() && status == Some(1),
+        "{records:?} {said} {status:?}"
+    );
+}
+
+/// The clocks of a first cycle are answered only during a second one, after a pause: what is read then was latched
+/// for the first.
+#[test]
+fn an_answer_to_an_earlier_cycle_is_a_stall() {
+    let frame = "st8,crc6";
+    for pauses in 1..=3 {
+        let mut bench = Bench::new(
+            &format!("motion=count,pos=165,delay=39us,timeout=20us,frame={frame}"),
+            100,
+        );
+        bench.rest(90_000);
+        bench.clocks(19);
+        for _ in 0..pauses {
+            bench.rest(800).clocks(19);
+        }
+        bench.clocks(300).rest(90_000);
+        let (records, said, _) = read_vcd("late-ack", &bench.vcd(), frame);
+        assert!(positions(&records).is_empty(), "{records:?} {said}");
+        let last = records.last().unwrap();
+        assert!(
+            last["fault"] == "stalled" && last["edge"] == 0,
+            "{records:?}"
+        );
+    }
+}
+
+/// MA at rest for a little, SL high with a data bit: no beginning of a frame.
+#[test]
+fn a_recording_that_begins_in_a_pause_begins_inside_a_cycle() {
+    for (half_ns, rest) in [
+        (500, 3_000),
+        (500, 11_000),
+        (5_000, 3_000),
+        (5_000, 14_000),
+        (500, 1_000),
+    ] {
+        let mut bench = Bench::new(
+            &format!("motion=still,pos=67108863,timeout=20us,frame={FRAME}"),
+            half_ns,
+        );
+        bench.rest(90_000).clocks(12);
+        let from = bench.t_ns + 1;
+        bench
+            .rest(rest)
+            .clocks(EDGES - 12)
+            .rest(90_000)
+            .clocks(EDGES)
+            .rest(90_000);
+        let vcd = cut(&bench.vcd(), from, u64::MAX);
+        let (records, said, _) = read_vcd("pause", &vcd, FRAME);
+        assert!(
+            said.contains("begins inside a cycle"),
+            "{half_ns} {rest}: {records:?} {said}"
+        );
+        assert_eq!(records.len(), 1, "{half_ns} {rest}: {records:?}");
+    }
+}
+
+/// MA comes back in mid-frame, with SL = 1: what follows is a piece, as at the beginning of a recording.
+#[test]
+fn after_a_gap_a_cycle_has_no_beginning() {
+    let mut bench = Bench::new(
+        &format!("motion=still,pos=67108863,timeout=20us,frame={FRAME}"),
+        500,
+    );
+    bench.rest(50_000).clocks(EDGES).rest(90_000);
+    bench.writer.timestamp(bench.t_ns).unwrap();
+    bench.writer.change_scalar(bench.ma_id, Value::X).unwrap();
+    for _ in 0..12 {
+        for level in [false, true] {
+            bench.slave.ma(bench.t_ns, level);
+            bench.look(bench.t_ns);
+            bench.rest(500);
+        }
+    }
+    bench.writer.timestamp(bench.t_ns).unwrap();
+    bench.writer.change_scalar(bench.ma_id, Value::V1).unwrap();
+    bench
+        .rest(500)
+        .clocks(EDGES - 12)
+        .rest(90_000)
+        .clocks(EDGES)
+        .rest(90_000);
+    let (records, said, _) = read_vcd("gap", &bench.vcd(), FRAME);
+    assert!(said.contains("begins inside a cycle"), "{records:?} {said}");
+    assert!(
+        records.len() == 2 && positions(&records).len() == 2,
+        "{records:?} {said}"
+    );
+}
+
+/// A pause that may be shorter than the timeout stays in its cycle, whatever SL is: it does not begin a new one.
+#[test]
+fn a_pause_below_the_longest_timeout_is_one_stalled_cycle() {
+    for (at, rest) in [(20, 30_000), (20, 38_000), (8, 21_000)] {
+        let mut bench = Bench::new(
+            &format!("motion=still,pos=67108863,timeout=40us,frame={FRAME}"),
+            500,
+        );
+        bench
+            .rest(90_000)
+            .clocks(at)
+            .rest(rest)
+            .clocks(EDGES - at)
+            .rest(90_000);
+        let (records, said, _) = read_vcd("long-pause", &bench.vcd(), FRAME);
+        assert!(
+            records.len() == 1 && records[0]["fault"] == "stalled",
+            "{at} {rest}: {records:?} {said}"
+        );
+    }
+}
+
+#[test]
+fn nothing_after_an_unknown_level_is_a_bit() {
+    let mut slicer = biss::slice::Slicer::new(40_000);
+    slicer.push(0, true, Some(true));
+    for edge in 0..10u64 {
+        let slo = if edge == 6 { None } else { Some(edge < 2) };
+        slicer.push(100_000 + edge * 1000, false, slo);
+        slicer.push(100_500 + edge * 1000, true, slo);
+    }
+    slicer.finish(200_000);
+    let mut trace = biss::trace::Trace::default();
+    assert!(slicer.take(&mut trace));
+    assert_eq!(trace.bits.len(), 5);
+}
