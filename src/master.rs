@@ -392,7 +392,7 @@ impl<'a> Master<'a> {
             _ if caps.times_levels => self.centre()?,
             phases => self.steadier_of(phases)?,
         }
-        self.tracker.forget_heads();
+        self.tracker.forget();
         Ok(())
     }
 
@@ -430,7 +430,7 @@ impl<'a> Master<'a> {
     /// Whole clocks of line delay when sampling there, from a few good frames.
     fn delay_at(&mut self, phase: Phase) -> Result<Delay, Error> {
         self.link.set_phase(phase)?;
-        self.tracker.forget_heads();
+        self.tracker.forget();
         let (mut good, mut found) = (0, None::<u16>);
         for _ in 0..4 * PHASE_FRAMES {
             self.attempt(0)?;
@@ -491,7 +491,7 @@ impl<'a> Master<'a> {
 
     /// How many of a few frames are good and have their start bit within a clock of each other.
     fn steady_frames(&mut self) -> Result<u32, Error> {
-        self.tracker.forget_heads();
+        self.tracker.forget();
         let (mut good, mut tries, mut heads) = (0, 0, None::<(u16, u16)>);
         while tries < PHASE_FRAMES {
             self.attempt(0)?;

@@ -21,7 +21,8 @@ pub struct Slicer {
     cycle: Edges,
     done: VecDeque<Edges>,
     spare: Vec<Edges>,
-    /// MA has rested, high with SL = 1, so that the next falling edge begins a cycle for certain.
+    /// The cycle before has ended, or MA has rested for longer than any timeout: the next falling edge begins a cycle
+    /// for certain.
     rested: bool,
 }
 
@@ -43,7 +44,6 @@ struct Edges {
     headless: bool,
     tailless: bool,
     falls: Vec<u64>,
-    count: usize,
     rises: Vec<u64>,
     /// SL changes, the first entry is the level when the cycle began.
     slo: Vec<(u64, Option<bool>)>,
@@ -250,14 +250,14 @@ impl Slicer {
             (State::Armed | State::Running, false) => self.cycle.falls.push(t_ns),
             (State::Armed | State::Running, true) => {
                 self.state = State::Running;
+                let full = self.cycle.rises.len() >= MAX_CLOCKS;
                 if let [.., before, last] = &mut self.cycle.rises[..] {
-                    if self.cycle.count >= MAX_CLOCKS {
+                    if full {
                         // Longer than any frame: the last two are kept, and the gap before them is a stall.
                         (*before, *last) = (*last, t_ns);
                         return;
                     }
                 }
-                self.cycle.count += 1;
                 self.cycle.rises.push(t_ns);
             }
         }

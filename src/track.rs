@@ -77,13 +77,15 @@ impl Tracker {
         self.delay_clk
     }
 
-    /// Forgets where the start bit stands, after the sampling phase or the clock has changed.
-    pub fn forget_heads(&mut self) {
+    /// Forgets where the start bit stands and what was counted, after the sampling phase or the clock has changed, or
+    /// frames were run that nobody judged.
+    pub fn forget(&mut self) {
         self.heads = Heads {
             trusting: self.heads.trusting,
             ..Heads::default()
         };
         self.delay_clk = None;
+        self.life = [None; MAX_CHANNELS];
     }
 
     fn check_life(&mut self, format: &Format, cycle: &mut Cycle) {

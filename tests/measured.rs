@@ -274,3 +274,28 @@ fn the_phase_is_the_one_farthest_from_where_sl_changes() {
         );
     }
 }
+
+/// Frames that only looked for the phase count on the slave's side too: that is no sign of a life that stopped.
+#[test]
+fn looking_for_the_phase_spoils_no_sign_of_life() {
+    let format = "st8,nE,nW,lc6,crc16";
+    let mut link = sim::open(
+        format!("motion=count,delay=900ns,frame={format}")
+            .parse()
+            .unwrap(),
+    );
+    link.set_clock(Hertz(1_000_000)).unwrap();
+    let protocol = BissC::new(format.parse().unwrap());
+    let mut master = Master::new(&mut link, &protocol, Some(0));
+    assert!(master.open().unwrap());
+    let latches_of_opening = master.cycle().words()[0].good().map(|word| word & 0x3F);
+    for _ in 0..20 {
+        master.slot(0, None).unwrap();
+        assert!(master.cycle().is_good(), "{:?}", master.cycle());
+    }
+    // Learning twice, and a few frames in each of four phases.
+    assert!(
+        latches_of_opening.is_some_and(|frames| frames <= 2 + 4 * 4 + 2),
+        "{latches_of_opening:?}"
+    );
+}
