@@ -1,6 +1,7 @@
 //! Links: everything that can run cycles, from two GPIO lines to a recording, behind one trait.
 
 pub mod bitbang;
+pub mod bus;
 pub mod file;
 pub mod gpio;
 pub mod sim;

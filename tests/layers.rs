@@ -69,8 +69,9 @@ const CORE: [&str; 12] = [
     "unit.rs",
 ];
 /// Know the core, not each other.
-const LINKS: [&str; 6] = [
+const LINKS: [&str; 7] = [
     "link/bitbang.rs",
+    "link/bus.rs",
     "link/file.rs",
     "link/gpio.rs",
     "link/sim.rs",
