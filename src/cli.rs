@@ -33,6 +33,8 @@ const READ_HELP: &str = "\
 Links:
   gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines; CHIP is a number, name, label or path
   spi:BUS.CS[,phase=auto|2|3][,pad=N]    spidev: SCLK is MA, MISO is SLO
+  wave:BUS.CS[,oversample=N][,invert][,idle=low|high]
+                                         spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]                        simulated encoder; a wrong KEY lists them all
   file:PATH[,ma=NAME][,slo=NAME]         VCD recording, - for standard input
   An option frame=FORMAT ends the options and takes the rest.

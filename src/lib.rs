@@ -46,6 +46,7 @@ pub mod limits;
 pub mod link;
 pub mod master;
 pub mod parse;
+pub mod pattern;
 pub mod protocol;
 pub mod slave;
 pub mod slice;

@@ -7,6 +7,7 @@ pub mod gpio;
 pub mod sim;
 pub mod spec;
 pub mod spi;
+pub mod wave;
 
 pub use spec::{Kind, Spec};
 

@@ -115,6 +115,27 @@ fn open(
         Kind::Spi { path, phase, pad } => {
             Box::new(link::spi::open(path, *phase, *pad, args.clock)?)
         }
+        Kind::Wave {
+            path,
+            oversample,
+            invert,
+            idle,
+        } => {
+            let options = link::wave::Options {
+                oversample: *oversample,
+                invert: *invert,
+                idle: *idle,
+            };
+            let adaptive =
+                matches!(args.timeout, Some(timeout) if timeout.stall == Stall::Adaptive);
+            if adaptive && !options.ma_rests_high() {
+                bail!(
+                    "an adaptive timeout on a wave link whose MA rests low: the edges around each transfer would begin frames of their own\n  \
+                     swap the MA pair and say invert, or use gpio"
+                );
+            }
+            Box::new(link::wave::open(path, options, args.clock)?)
+        }
         Kind::Sim { config, .. } => {
             let mut config = (**config).clone();
             // The slave sends what its link says, else what is asked for.
@@ -241,6 +262,12 @@ impl Run<'_> {
             return Ok(());
         }
         let clock = master.link().clock();
+        let asked = self.args.clock.unwrap_or(Hertz(0));
+        if clock.hz.0 < asked.0 - asked.0 / 10 {
+            note(format_args!(
+                "MA runs at {clock}: {asked} is more than this link can do"
+            ));
+        }
         if clock.hz.0 < limits::CLOCK_MIN_HZ {
             note(format_args!(
                 "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"

@@ -3,6 +3,7 @@
 use super::Phase;
 use crate::format::Format;
 use crate::parse::ParseError;
+use crate::pattern::LEAST_SAMPLES;
 use crate::slave::Config;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -37,6 +38,17 @@ pub enum Kind {
         /// Bytes clocked on top of what a frame needs.
         pad: u8,
     },
+    /// MOSI is MA, MISO is SLO.
+    Wave {
+        /// `/dev/spidevB.C`.
+        path: PathBuf,
+        /// Samples a clock; `None` finds out.
+        oversample: Option<u8>,
+        /// The MA pair is swapped.
+        invert: bool,
+        /// MOSI between transfers; `None` where MA is high.
+        idle: Option<bool>,
+    },
     /// The simulated slave.
     Sim {
         /// The encoder it plays.
@@ -56,7 +68,7 @@ pub enum Kind {
 }
 
 const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
-                     sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]";
+                     wave:BUS.CS[,oversample=N][,invert][,idle=low|high]  sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]";
 
 /// One option: where it starts, and its text with `\,` already a comma.
 struct Item {
@@ -130,6 +142,7 @@ impl FromStr for Spec {
         let kind = match kind {
             "gpio" => parser.gpio(items)?,
             "spi" => parser.spi(items)?,
+            "wave" => parser.wave(items)?,
             "sim" => parser.sim(items)?,
             "file" => parser.file(items)?,
             _ => {
@@ -221,20 +234,24 @@ impl Parser<'_> {
         Ok(Kind::Gpio { chip, ma, slo })
     }
 
-    fn spi(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
-        let mut items = items.into_iter();
-        let device = items
-            .next()
-            .ok_or_else(|| self.missing("BUS.CS, such as spi:0.0"))?;
+    /// `BUS.CS` or a path.
+    fn spidev(&self, device: Option<Item>) -> Result<PathBuf, ParseError> {
+        let example = format!("BUS.CS, such as {}:0.0", self.kind);
+        let device = device.ok_or_else(|| self.missing(&example))?;
         let numbers = device
             .text
             .split_once('.')
             .is_some_and(|(bus, cs)| bus.parse::<u16>().is_ok() && cs.parse::<u16>().is_ok());
-        let path = match device.text.as_str() {
-            path if path.starts_with('/') => PathBuf::from(path),
-            name if numbers => PathBuf::from(format!("/dev/spidev{name}")),
-            name => return Err(self.wrong(&device, format!("`{name}` is not BUS.CS"))),
-        };
+        match device.text.as_str() {
+            path if path.starts_with('/') => Ok(PathBuf::from(path)),
+            name if numbers => Ok(PathBuf::from(format!("/dev/spidev{name}"))),
+            name => Err(self.wrong(&device, format!("`{name}` is not BUS.CS"))),
+        }
+    }
+
+    fn spi(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        let mut items = items.into_iter();
+        let path = self.spidev(items.next())?;
         let (mut phase, mut pad) = (None, 0);
         for item in items {
             match item.pair() {
@@ -251,6 +268,38 @@ impl Parser<'_> {
             }
         }
         Ok(Kind::Spi { path, phase, pad })
+    }
+
+    fn wave(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        /// More would not make anything finer that matters, and transfers long.
+        const MOST: u8 = 64;
+        let mut items = items.into_iter();
+        let path = self.spidev(items.next())?;
+        let (mut oversample, mut invert, mut idle) = (None, false, None);
+        for item in items {
+            match item.pair() {
+                Some(("oversample", text)) => {
+                    let fits = |n: &u8| (LEAST_SAMPLES..=MOST.into()).contains(&u32::from(*n));
+                    let samples = text.parse().ok().filter(fits).ok_or_else(|| {
+                        let what =
+                            format!("oversample is {LEAST_SAMPLES} to {MOST} samples a clock");
+                        self.wrong(&item, what)
+                    })?;
+                    oversample = Some(samples);
+                }
+                None if item.text == "invert" => invert = true,
+                Some(("idle", "low")) => idle = Some(false),
+                Some(("idle", "high")) => idle = Some(true),
+                Some(("idle", _)) => return Err(self.wrong(&item, "idle is low or high")),
+                _ => return Err(self.unknown(&item, "oversample= invert idle=")),
+            }
+        }
+        Ok(Kind::Wave {
+            path,
+            oversample,
+            invert,
+            idle,
+        })
     }
 
     fn sim(&self, mut items: Vec<Item>) -> Result<Kind, ParseError> {
@@ -344,6 +393,13 @@ mod tests {
             spec_with_frame.frame.map(|f| f.to_string()),
             Some("st26,nE,nW,crc6".into())
         );
+        let wave = Kind::Wave {
+            path: "/dev/spidev1.0".into(),
+            oversample: Some(16),
+            invert: true,
+            idle: Some(false),
+        };
+        assert_eq!(spec("wave:1.0,oversample=16,invert,idle=low").kind, wave);
         let file = Kind::File {
             path: r"a,b\c.vcd".into(),
             ma: Some("clk".into()),
@@ -379,6 +435,10 @@ mod tests {
             ("spi:0", 4..5, "not BUS.CS"),
             ("spi:0.0,phase=1", 8..15, "auto, 2 or 3"),
             ("spi:0.0,pad=999", 8..15, "0 to 255"),
+            ("wave:", 5..5, "wave:0.0"),
+            ("wave:0.0,oversample=3", 9..21, "4 to 64"),
+            ("wave:0.0,idle=up", 9..16, "low or high"),
+            ("wave:0.0,inverted", 9..17, "no option `inverted`"),
             ("sim:dellay=3us", 4..10, "no `dellay`"),
             ("sim:seed=1,delay=3", 17..18, "no unit"),
             ("sim:slow", 4..8, "no `slow`"),
@@ -406,8 +466,8 @@ mod tests {
         println!("seed {seed}");
         let mut rng = fastrand::Rng::with_seed(seed);
         let parts = [
-            "gpio:", "spi:", "sim:", "file:", "ma=", "slo=", "0.0", ",", "\\", "=", "frame=",
-            "st26", "é", "delay=", "1us", "phase=",
+            "gpio:", "spi:", "wave:", "sim:", "file:", "ma=", "slo=", "0.0", ",", "\\", "=",
+            "frame=", "st26", "é", "delay=", "1us", "phase=",
         ];
         for _ in 0..20_000 {
             let text: String = (0..rng.usize(0..9))

@@ -1,0 +1,495 @@
+//! `wave` against the simulated slave behind a simulated SPI controller: MA as a pattern on MOSI, MISO over-sampled.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+mod common;
+
+use biss::cycle::Fault;
+use biss::frame::{BissC, Stall};
+use biss::link::sim::{Controller, SimBus};
+use biss::link::wave::{Options, Wave};
+use biss::link::{Error, Link};
+use biss::master::{Master, Slot};
+use biss::protocol::{Ability, Protocol};
+use biss::trace::{Ask, Clocks, Trace, Until};
+use biss::unit::Hertz;
+use fastrand::Rng;
+
+const FRAME: &str = "st26,nE,nW,crc6";
+
+/// The SCLK that comes of the one asked for.
+type Divide = fn(Hertz) -> Hertz;
+
+/// Controllers as they divide: any clock, an even part of a core clock (bcm2835), a power of two of it, all with an end.
+const DIVIDERS: [(&str, Divide); 5] = [
+    ("any", |hz| hz),
+    ("250 MHz, even", |hz| even(250_000_000, hz)),
+    ("400 MHz, even", |hz| even(400_000_000, hz)),
+    ("256 MHz, power of two", |hz| power(256_000_000, hz)),
+    ("50 MHz at most", |hz| hz.min(Hertz(50_000_000))),
+];
+
+fn even(core: u32, hz: Hertz) -> Hertz {
+    Hertz(core / (core.div_ceil(hz.0).div_ceil(2) * 2).max(2))
+}
+
+fn power(core: u32, hz: Hertz) -> Hertz {
+    Hertz(core / core.div_ceil(hz.0).next_power_of_two())
+}
+
+fn open(config: &str, controller: Controller, options: Options, hz: u32) -> Wave<SimBus> {
+    let config = config.parse().unwrap_or_else(|e| panic!("{e}"));
+    Wave::new(SimBus::new(config, controller), options, Some(Hertz(hz))).unwrap()
+}
+
+/// Reads so many frames of a slave that counts them; every one must be the next. Returns the longest departure of the
+/// measured from the true line delay, in ns.
+fn read_all(link: &mut Wave<SimBus>, frames: u32, delay_ns: u64) -> Result<u64, String> {
+    let mut protocol = BissC::new(FRAME.parse().unwrap());
+    // 80 kHz has clocks longer than what is allowed where the timeout is not known.
+    protocol.stall = Stall::Static { min_ns: 14_000 };
+    let mut master = Master::new(link, &protocol, Some(0));
+    if !master.open().unwrap() {
+        return Err(format!("nothing learned: {:?}", master.cycle().fault()));
+    }
+    let (mut last, mut off) = (None, 0);
+    for frame in 0..frames {
+        let slot = master.slot(0, None).unwrap();
+        let word = master.cycle().words().first().copied();
+        let Some(data) = word.and_then(|word| word.good()) else {
+            let fault = master
+                .cycle()
+                .fault()
+                .or(word.and_then(|word| word.fault()));
+            return Err(format!("frame {frame} is lost: {fault:?}"));
+        };
+        if slot != (Slot::Done { tries: 1 }) {
+            return Err(format!("frame {frame}: {slot:?}"));
+        }
+        let position = data >> 2;
+        if last.is_some_and(|last: u64| position != last + 1) {
+            return Err(format!("{position} after {last:?}"));
+        }
+        last = Some(position);
+        let measured = u64::from(master.trace().delay_ns.ok_or("no delay")?);
+        off = off.max(measured.abs_diff(delay_ns));
+    }
+    Ok(off)
+}
+
+/// The specification's jitter of a quarter of a clock each way relative to Ack, any line delay, any phase of SL's edges
+/// to the samples: no frame is lost.
+#[test]
+fn no_frame_is_lost_from_four_samples_a_clock() {
+    let mut rng = common::rng();
+    let rounds = common::size(1_500);
+    let mut broken = 0;
+    let mut least = f64::MAX;
+    for round in 0..rounds {
+        let samples = *rng.choice(&[4, 4, 5, 6, 7, 8, 11, 16, 32]).unwrap();
+        let hz = *rng
+            .choice(&[
+                80_000, 100_000, 250_000, 333_333, 1_000_000, 1_500_000, 2_000_000, 4_700_000,
+                10_000_000,
+            ])
+            .unwrap();
+        let (name, divide) = *rng.choice(&DIVIDERS).unwrap();
+        // Told how many samples to take, a coarse controller may make half of the clock that was asked for.
+        let oversample = (hz >= 250_000 && hz * u32::from(samples) <= 125_000_000 && rng.bool())
+            .then_some(samples);
+        let period = 1_000_000_000 / u64::from(hz);
+        let delay = match rng.u8(..4) {
+            0 => 0,
+            1 => rng.u64(..period),
+            2 => rng.u64(..5 * period).min(39_000),
+            _ => rng.u64(..39_000),
+        };
+        // Ack and a bit each move, so that they part by twice as much. A clock of a fast controller may be a little
+        // shorter than what was asked for.
+        let jitter = (period - period / 20) / 8 * rng.u64(0..=1);
+        let delay = delay.max(jitter);
+        let timeout = match rng.u8(..3) {
+            0 if period * 3 / 2 < 20_000 => "adaptive".into(),
+            _ => format!("{}ns", rng.u64(14_000..=40_000)),
+        };
+        // In clocks: a busy time would make the start bit wander by one where it ends about an edge.
+        let ack = rng.u64(1..=(18_000 / period).clamp(1, 60));
+        let config = format!(
+            "motion=count,timeout={timeout},delay={delay}ns,jitter={jitter}ns,ack={ack},seed={round},frame={FRAME}"
+        );
+        let options = Options {
+            oversample,
+            ..Options::default()
+        };
+        let controller = Controller {
+            divide,
+            call_ns: rng.u64(..40_000),
+            ..Controller::default()
+        };
+        let mut link = open(&config, controller, options, hz);
+        let grid = link.grid();
+        broken += u32::from(!grid.is_whole());
+        least = least.min(grid.samples_per_clock());
+        let about = format!("{name}, {samples:?} samples at {hz} Hz, {grid:?}, {config}");
+        if options.oversample.is_some() {
+            assert!(grid.is_whole(), "{about}");
+        }
+        let off = read_all(&mut link, 12, delay).unwrap_or_else(|e| panic!("{e}\n{about}"));
+        let sample = grid.ns(1) + 1;
+        assert!(off <= sample + jitter, "delay off by {off} ns: {about}");
+        let slave = link.bus_mut().pins().slave();
+        assert_eq!(
+            slave.timeouts(),
+            slave.latches(),
+            "a frame, a timeout: {about}"
+        );
+    }
+    println!("{broken} on broken grids, down to {least} samples a clock");
+    assert!(broken > 0 && least == 4.0, "the grid of cases is too small");
+}
+
+/// MA in samples, as the controller sends it: levels and their lengths.
+fn levels(bytes: &[u8]) -> Vec<(bool, usize)> {
+    let mut runs: Vec<(bool, usize)> = Vec::new();
+    for at in 0..8 * bytes.len() {
+        let level = bytes[at / 8] & 0x80 >> (at % 8) != 0;
+        match runs.last_mut() {
+            Some((last, length)) if *last == level => *length += 1,
+            _ => runs.push((level, 1)),
+        }
+    }
+    runs
+}
+
+/// The bytes that were sent, by what they must hold: rest, clocks, timeout and CDM inside, MA high at both ends.
+#[test]
+fn the_pattern_is_a_whole_cycle() {
+    let mut rng = common::rng();
+    for _ in 0..common::size(300) {
+        let timeout = rng.u64(12_500..=40_000);
+        let delay = rng.u64(..39_000);
+        let config = format!("motion=count,timeout={timeout}ns,delay={delay}ns,frame={FRAME}");
+        let hz = rng.u32(80_000..=10_000_000);
+        let (_, divide) = *rng.choice(&DIVIDERS).unwrap();
+        let controller = Controller {
+            divide,
+            ..Controller::default()
+        };
+        let mut link = open(&config, controller, Options::default(), hz);
+        let protocol = BissC::new(FRAME.parse().unwrap());
+        let ability = Ability {
+            reacts: false,
+            period_ns: link.clock().hz.period_ns() as u32,
+            head: None,
+            delay_clk: None,
+            widen: 0,
+        };
+        let mut trace = Trace::default();
+        for frame in 0..6u64 {
+            let cdm = rng.bool();
+            let clocks = Clocks {
+                cdm: [cdm; 2],
+                ..protocol.request(&ability)
+            };
+            let Until::Clocks(edges) = clocks.until else {
+                panic!()
+            };
+            let asks = [Ask { at_ns: 0, clocks }];
+            link.cycles(&asks, std::slice::from_mut(&mut trace))
+                .unwrap();
+            let about = format!("{hz} Hz, {:?}, {config}, CDM {cdm}", link.grid());
+
+            let grid = link.grid();
+            let (pattern, _) = link.last();
+            let runs = levels(pattern.bytes());
+            let per_clock = grid.samples_per_clock();
+            assert!(runs[0].0 && runs[0].1 as f64 >= per_clock, "{about}");
+            let (last, tail) = *runs.last().unwrap();
+            assert!(last && tail as f64 >= per_clock, "{about}");
+            let pulses = usize::from(edges) + usize::from(cdm);
+            assert_eq!(runs.len(), 2 * pulses + 1, "{about}");
+            for (_, length) in &runs[1..2 * usize::from(edges)] {
+                let off = (*length as f64 - per_clock / 2.0).abs();
+                assert!(off < 1.0, "{about}: {length}");
+                assert!(grid.ns(*length) < 12_000, "{about}");
+            }
+
+            // The slave saw one frame, one timeout, and the CDM that was meant.
+            let slave = link.bus_mut().pins_mut().slave_mut();
+            assert_eq!(slave.take_cdm(), Some(cdm), "{about}");
+            assert_eq!(
+                (slave.latches(), slave.timeouts()),
+                (frame + 1, frame + 1),
+                "{about}"
+            );
+            assert_eq!(trace.cdm, Some(cdm));
+            let ready = u64::from(
+                trace
+                    .ready_ns
+                    .unwrap_or_else(|| panic!("not ready: {about}")),
+            );
+            assert!(
+                ready.abs_diff(timeout + delay) <= grid.ns(2),
+                "{ready}: {about}"
+            );
+        }
+    }
+}
+
+/// Where MOSI rests, and which way round the pair is.
+#[test]
+fn mosi_may_rest_low_and_the_pair_be_swapped() {
+    // Where MOSI rests, whether the pair is swapped; idle= and invert as they must be given.
+    let cases = [
+        (None, false, None, false),
+        (Some(true), false, None, false),
+        (Some(false), false, Some(false), false),
+        (Some(false), true, None, true),
+        (None, true, None, true),
+        (Some(true), true, Some(true), true),
+    ];
+    for (mosi_rests, swapped, idle, invert) in cases {
+        for delay in [0u64, 300, 5_200, 20_000] {
+            let controller = Controller {
+                mosi_rests,
+                swapped,
+                call_ns: 20_000,
+                ..Controller::default()
+            };
+            let options = Options {
+                idle,
+                invert,
+                ..Options::default()
+            };
+            let config = format!("motion=count,timeout=20us,delay={delay}ns,frame={FRAME}");
+            let mut link = open(&config, controller, options, 1_000_000);
+            let off = read_all(&mut link, 20, delay)
+                .unwrap_or_else(|e| panic!("{e}: {controller:?} {options:?} {delay}"));
+            assert!(off <= 125, "{controller:?} {options:?} {delay}: {off}");
+        }
+    }
+}
+
+/// What the wire says wrong has its own name, and no position.
+#[test]
+fn faults_have_their_names() {
+    for (config, name) in [
+        ("stuck=1", "no-ack"),
+        ("stuck=0", "not-ready"),
+        ("no-ack=1", "no-ack"),
+        ("no-start=1", "no-start"),
+        ("crc-error=1", "crc"),
+        ("null=1", "null"),
+        ("delay=45us", "no-ack"),
+        ("busy=60us", "no-start"),
+    ] {
+        let config = format!("{config},frame={FRAME}");
+        let mut link = open(
+            &config,
+            Controller::default(),
+            Options::default(),
+            1_000_000,
+        );
+        let protocol = BissC::new(FRAME.parse().unwrap());
+        let mut master = Master::new(&mut link, &protocol, Some(0));
+        // The place of the start bit can be learned from null values.
+        assert_eq!(master.open().unwrap(), name == "null", "{config}");
+        for _ in 0..5 {
+            master.slot(0, None).unwrap();
+            let word = master.cycle().words().first().and_then(|word| word.fault());
+            let fault = master.cycle().fault().or(word);
+            assert_eq!(
+                fault.map(|fault| fault.name()),
+                Some(name),
+                "{config}: {fault:?}"
+            );
+        }
+    }
+}
+
+/// A slow SCLK makes levels that some slaves take for the end of the frame: that is a stall, as on any link.
+#[test]
+fn a_clock_slower_than_the_timeout_is_a_stall() {
+    let mut link = open(
+        &format!("frame={FRAME}"),
+        Controller::default(),
+        Options::default(),
+        50_000,
+    );
+    let protocol = BissC::new(FRAME.parse().unwrap());
+    let mut master = Master::new(&mut link, &protocol, Some(0));
+    master.open().unwrap();
+    master.slot(0, None).unwrap();
+    assert!(matches!(
+        master.cycle().fault(),
+        Some(Fault::Stalled { .. })
+    ));
+}
+
+/// A controller that pauses between bytes stretches bits and delay alike.
+#[test]
+fn gaps_between_bytes_are_borne() {
+    for samples in [4, 8, 16] {
+        let controller = Controller {
+            gap_bits: 1,
+            ..Controller::default()
+        };
+        let options = Options {
+            oversample: Some(samples),
+            ..Options::default()
+        };
+        let config = format!("motion=count,delay=700ns,timeout=20us,frame={FRAME}");
+        let mut link = open(&config, controller, options, 1_000_000);
+        read_all(&mut link, 20, 700).unwrap();
+    }
+}
+
+/// The clock that is reached is said, and MA is a whole part of SCLK wherever the controller has one near by.
+#[test]
+fn the_grid_follows_the_controller() {
+    let reached = |divide: Divide, hz: u32, oversample: Option<u8>| {
+        let controller = Controller {
+            divide,
+            call_ns: 30_000,
+            ..Controller::default()
+        };
+        let options = Options {
+            oversample,
+            ..Options::default()
+        };
+        let link = open(&format!("frame={FRAME}"), controller, options, hz);
+        (
+            link.clock().hz.0,
+            link.grid().samples_per_clock(),
+            link.notes().join("\n"),
+        )
+    };
+    let near = |is: u32, should: u32| is.abs_diff(should) <= should / 200;
+    let [any, even_250, _, power_256, most_50] = DIVIDERS.map(|(_, divide)| divide);
+    let (hz, samples, notes) = reached(any, 1_000_000, None);
+    assert!(near(hz, 1_000_000) && samples == 8.0, "{hz} {samples}");
+    assert!(
+        notes.contains("8 samples a clock") && notes.contains("(measured)"),
+        "{notes}"
+    );
+    let (hz, samples, _) = reached(even_250, 1_000_000, None);
+    assert!(near(hz, 976_562) && samples == 8.0, "{hz} {samples}");
+    let (hz, samples, notes) = reached(power_256, 1_900_000, None);
+    assert!(near(hz, 1_900_000) && samples > 8.0, "{hz} {samples}");
+    assert!(notes.contains("before their place"), "{notes}");
+    let (hz, samples, _) = reached(power_256, 1_500_000, Some(8));
+    assert!(near(hz, 1_000_000) && samples == 8.0, "{hz} {samples}");
+    let (hz, samples, _) = reached(most_50, 10_000_000, None);
+    assert!(near(hz, 10_000_000) && samples == 5.0, "{hz} {samples}");
+    let (hz, samples, _) = reached(|hz| hz.min(Hertz(20_000_000)), 10_000_000, None);
+    assert!(near(hz, 5_000_000) && samples == 4.0, "{hz} {samples}");
+}
+
+#[test]
+fn what_cannot_be_sent_is_an_error() {
+    let bus = SimBus::new("sim".parse().unwrap_or_default(), Controller::default());
+    let error = Wave::new(bus, Options::default(), Some(Hertz(4_000_000_000))).unwrap_err();
+    assert!(error.to_string().contains("-c"), "{error}");
+
+    let mut link = open(
+        &format!("frame={FRAME}"),
+        Controller::default(),
+        Options::default(),
+        10_000_000,
+    );
+    let mut run = |clocks: Clocks| -> Error {
+        let asks = [Ask { at_ns: 0, clocks }];
+        link.cycles(&asks, &mut [Trace::default()]).unwrap_err()
+    };
+    let clocks = Clocks {
+        until: Until::Clocks(40),
+        surplus: 2,
+        stretch_ns: 0,
+        cdm: [false; 2],
+        hold_ns: 80_000,
+        ready_ns: Some(80_000),
+    };
+    let error = run(Clocks {
+        ready_ns: Some(500_000),
+        ..clocks
+    })
+    .to_string();
+    assert!(error.contains("bufsiz"), "{error}");
+    let error = run(Clocks {
+        cdm: [false, true],
+        ..clocks
+    })
+    .to_string();
+    assert!(error.contains("CDS"), "{error}");
+    let frame = Until::Frame {
+        ack: 8,
+        start: 8,
+        then: 36,
+    };
+    let error = run(Clocks {
+        until: frame,
+        ..clocks
+    })
+    .to_string();
+    assert!(error.contains("before SL is seen"), "{error}");
+}
+
+/// A random pause of SCLK in one frame after the other, long enough for the slave to start anew: nobody sees it but the
+/// checks of the frame itself.
+#[test]
+fn restarts_in_unseen_pauses() {
+    let mut rng: Rng = common::rng();
+    let rounds = common::size(20_000);
+    let config = format!("motion=count,pos=36984440,timeout=15us,frame={FRAME}");
+    let mut link = open(
+        &config,
+        Controller::default(),
+        Options::default(),
+        1_000_000,
+    );
+    let protocol = BissC::new(FRAME.parse().unwrap());
+    let mut wrong = 0;
+    let mut good = 0;
+    read_some(&mut link, &protocol);
+    for _ in 0..rounds {
+        let byte = rng.usize(1..60);
+        link.bus_mut().pause(byte, rng.u64(16_000..60_000));
+        let before = link.bus_mut().pins().slave().latches();
+        let mut trace = Trace::default();
+        let ability = Ability {
+            reacts: false,
+            period_ns: 1_000,
+            head: Some(1),
+            delay_clk: Some(0),
+            widen: 0,
+        };
+        let asks = [Ask {
+            at_ns: 0,
+            clocks: protocol.request(&ability),
+        }];
+        link.cycles(&asks, std::slice::from_mut(&mut trace))
+            .unwrap();
+        let mut cycle = Default::default();
+        protocol.decode(&trace, &mut cycle);
+        let slave = link.bus_mut().pins().slave();
+        let steady = cycle.head().is_some_and(|head| head.clocks() == 1);
+        if let Some(word) = cycle
+            .words()
+            .first()
+            .and_then(|w| w.good())
+            .filter(|_| steady)
+        {
+            let counts = 36_984_440 + before..36_984_440 + slave.latches();
+            let sent = counts.contains(&(word >> 2)) && word & 3 == 3;
+            wrong += usize::from(!sent);
+            good += usize::from(sent);
+        }
+    }
+    println!("{wrong} wrong positions and {good} good ones in {rounds} frames with a pause");
+    assert!(good < rounds / 2, "the pauses cut nothing");
+    assert!(wrong * 500 <= rounds, "more than 0.2 %");
+}
+
+fn read_some(link: &mut Wave<SimBus>, protocol: &BissC) {
+    let mut master = Master::new(link, protocol, Some(0));
+    assert!(master.open().unwrap());
+}
