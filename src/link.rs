@@ -89,6 +89,24 @@ impl fmt::Display for Phase {
     }
 }
 
+/// The kernel's interfaces to GPIO lines. Each can be left out of a kernel, and v1 is on recent ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Uapi {
+    /// The first one, since Linux 4.8.
+    V1,
+    /// The second one, since Linux 5.10: inputs can have a pull.
+    V2,
+}
+
+impl fmt::Display for Uapi {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Uapi::V1 => "v1",
+            Uapi::V2 => "v2",
+        })
+    }
+}
+
 /// The machine failed: what was being done, what the system said, what to try.
 #[derive(Debug)]
 pub struct Error {

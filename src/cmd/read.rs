@@ -106,7 +106,7 @@ fn open(
 ) -> Result<Box<dyn Link>> {
     Ok(match &args.link.kind {
         Kind::Gpio { chip, ma, slo } => {
-            let mut link = link::gpio::open(chip.as_deref(), ma, slo)?;
+            let mut link = link::gpio::open(chip.as_deref(), ma, slo, None)?;
             if let Some(clock) = args.clock {
                 link.set_clock(clock)?;
             }

@@ -22,6 +22,10 @@ pub trait Pins {
     fn until(&mut self, ns: u64);
     /// How long one call of [`Pins::ma`] and of [`Pins::sl`] take.
     fn cost_ns(&self) -> (u64, u64);
+    /// What the user should know about how these pins run.
+    fn note(&self) -> Option<String> {
+        None
+    }
     /// Time passes only by these calls.
     fn virtual_time(&self) -> bool {
         false
@@ -453,7 +457,11 @@ impl<P: Pins> Link for Bang<P> {
     }
 
     fn notes(&self) -> Vec<String> {
-        vec![format!("SL is sampled {}", self.phase)]
+        let phase = format!("SL is sampled {}", self.phase);
+        [self.pins.note(), Some(phase)]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {
