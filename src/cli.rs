@@ -32,6 +32,7 @@ pub(crate) enum Command {
 const READ_HELP: &str = "\
 Links:
   gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines; CHIP is a number, name, label or path
+       [,mo=LINE][,uapi=v1|v2]           MO, for slaves on a bus; the kernel's interface
   spi:BUS.CS[,phase=auto|2|3][,pad=N]    spidev: SCLK is MA, MISO is SLO
   wave:BUS.CS[,oversample=N][,invert][,idle=low|high]
                                          spidev: MOSI is MA, MISO is SLO

@@ -258,6 +258,22 @@ fn errors_say_what_to_try() {
             ["/dev/gpiochip99", "number, name, label or path"],
         ),
         ("read spi:0.0", ["no frame format", "-f st26,nE,nW,crc6"]),
+        (
+            "read gpio:99,ma=1,slo=2,mo=3,uapi=v2 -f st26",
+            ["/dev/gpiochip99", "number, name, label or path"],
+        ),
+        (
+            "read gpio:0,ma=1,slo=2,uapi=3 -f st26",
+            ["uapi is v1 or v2", "[,uapi=v1|v2]"],
+        ),
+        (
+            "read gpio:0,ma=1,slo=2,mo=1 -f st26",
+            ["three different lines", "[,mo=LINE]"],
+        ),
+        (
+            "read gpio:0,ma=1,slo=2,up=3 -f st26",
+            ["no option `up`", "known are ma= slo= mo= uapi= frame="],
+        ),
         ("read sim -i 40", ["no unit", "40us"]),
         ("read sim:dellay=1us", ["no `dellay`", "delay=TIME"]),
         ("read sim -f st26,nF", ["unknown field `nF`", "^^"]),

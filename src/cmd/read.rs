@@ -105,8 +105,14 @@ fn open(
     printer: &Rc<RefCell<Printer>>,
 ) -> Result<Box<dyn Link>> {
     Ok(match &args.link.kind {
-        Kind::Gpio { chip, ma, slo } => {
-            let mut link = link::gpio::open(chip.as_deref(), ma, slo, None)?;
+        Kind::Gpio {
+            chip,
+            ma,
+            slo,
+            mo,
+            uapi,
+        } => {
+            let mut link = link::gpio::open(chip.as_deref(), ma, slo, mo.as_deref(), *uapi)?;
             if let Some(clock) = args.clock {
                 link.set_clock(clock)?;
             }

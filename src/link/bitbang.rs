@@ -1,6 +1,23 @@
 //! One clocked cycle over three primitives: set MA, read SL, wait. Shared by every link that moves MA itself.
+//!
+//! On a bus the master may drive the SLI of the slave farthest away as well, by MO ([`Pins::mo`]). There it plays a slave
+//! without data, which the others take for the first of them (BiSS C protocol description D2, p. 10-12):
+//!
+//! ```text
+//! edge          1     2     3     4     5        n
+//!       _____    __    __    __    __    __        __________________________
+//! MA         |__|  |__|  |__|  |__|  |__|  |.. |__|
+//!       _______________       _____                               ___________
+//! MO                   |_____|     |__________ .. _______________|
+//!        idle           Ack   Start CDS 0, stop      timeout      ready
+//! ```
+//!
+//! A slave reads its SLI with the falling MA edge, so MO moves right after the rising one. It rests high, and is high
+//! again [`TIMEOUT_MIN_NS`] after the last MA edge: a slave is ready when its own timeout has passed and its SLI is 1, so
+//! one with a longer timeout waits for that, one with a shorter for MO. In INIT MO stays high.
 
 use super::{Caps, Clock, Error, Known, Link, Phase};
+use crate::limits::TIMEOUT_MIN_NS;
 use crate::trace::{Ask, Clocks, Level, MAX_CLOCKS, Trace, Until};
 use crate::unit::Hertz;
 
@@ -16,6 +33,17 @@ pub trait Pins {
     /// # Errors
     /// When the line cannot be read.
     fn sl(&mut self) -> Result<bool, Error>;
+    /// Whether there is an MO.
+    fn has_mo(&self) -> bool {
+        false
+    }
+    /// Drives MO, where there is one.
+    ///
+    /// # Errors
+    /// When the line cannot be driven.
+    fn mo(&mut self, _high: bool) -> Result<(), Error> {
+        Ok(())
+    }
     /// Time on the link's clock.
     fn now_ns(&self) -> u64;
     /// Waits until then; returns at once when late.
@@ -48,6 +76,7 @@ pub struct Bang<P> {
     scratch: Vec<u64>,
     ma_high: bool,
     last_edge_ns: u64,
+    mo_high: bool,
     /// The last frame ended with its stop bit seen as 0, so SL = 1 means ready. Else SL = 1 may be a data bit
     /// of a frame that was cut (D2, p. 7; Renishaw, p. 2).
     stop_seen: bool,
@@ -63,7 +92,7 @@ fn usual_period_ns(set_ns: u64) -> u64 {
 }
 
 impl<P: Pins> Bang<P> {
-    /// Takes over pins whose MA has just been driven high.
+    /// Takes over pins whose MA has just been driven high, and whose MO is.
     pub fn new(pins: P) -> Bang<P> {
         let (set_ns, _) = pins.cost_ns();
         let period_ns = usual_period_ns(set_ns);
@@ -79,6 +108,7 @@ impl<P: Pins> Bang<P> {
             scratch: Vec::with_capacity(MAX_CLOCKS),
             ma_high: true,
             last_edge_ns,
+            mo_high: true,
             stop_seen: false,
         }
     }
@@ -86,6 +116,16 @@ impl<P: Pins> Bang<P> {
     /// The pins, to change what they stand for.
     pub fn pins_mut(&mut self) -> &mut P {
         &mut self.pins
+    }
+
+    /// Two sets and a read a clock. MO has to move in the first half of a high level (D2 Table 10).
+    fn least_period_ns(&self) -> u64 {
+        let (_, read_ns) = self.pins.cost_ns();
+        match self.pins.has_mo() {
+            true => self.set_ns * 4,
+            false => 0,
+        }
+        .max(2 * self.set_ns + read_ns)
     }
 
     /// Drives MA; the times before and after the call enclose the edge.
@@ -96,6 +136,27 @@ impl<P: Pins> Bang<P> {
         let after = self.pins.now_ns();
         self.last_edge_ns = after;
         Ok(Edge { before, after })
+    }
+
+    /// MO after rising edge `edge`, as a slave without data shows it.
+    fn mo_follows(&mut self, edge: u16) -> Result<(), Error> {
+        let high = match edge {
+            2 | 4 => false,
+            3 => true,
+            _ => return Ok(()),
+        };
+        self.mo_high = high;
+        self.pins.mo(high)
+    }
+
+    /// The slave that MO plays times out.
+    fn mo_rests(&mut self) -> Result<(), Error> {
+        if self.mo_high {
+            return Ok(());
+        }
+        self.pins.until(self.last_edge_ns + TIMEOUT_MIN_NS);
+        self.mo_high = true;
+        self.pins.mo(true)
     }
 
     /// Waits for SL = 1. False when it stays 0.
@@ -150,6 +211,8 @@ impl<P: Pins> Bang<P> {
             }
         };
         let in_high = self.phase <= Phase::Half;
+        // INIT does not look for SL, and is no frame.
+        let with_mo = self.pins.has_mo() && clocks.ready_ns.is_some();
         let mut search = Search::new(clocks.until);
         let first_fall = self.edge(false)?;
         trace.t_ns = first_fall.before;
@@ -165,6 +228,9 @@ impl<P: Pins> Bang<P> {
             self.pins.until(due);
             let now = self.edge(true)?;
             edge += 1;
+            if with_mo {
+                self.mo_follows(edge)?;
+            }
             trace.level(now.after - fall.before, edge);
             if let Some(rise) = rise {
                 trace.level(now.after - rise.before, edge);
@@ -306,6 +372,7 @@ impl<P: Pins> Bang<P> {
     ) -> Result<(), Error> {
         self.stop_seen =
             search.complete && trace.bits.get(trace.bits.len().wrapping_sub(1)) == Some(false);
+        self.mo_rests()?;
         if trace.cdm != Some(true) {
             return Ok(());
         }
@@ -426,9 +493,8 @@ impl<P: Pins> Link for Bang<P> {
     }
 
     fn set_clock(&mut self, hz: Hertz) -> Result<Clock, Error> {
-        let (_, read_ns) = self.pins.cost_ns();
         self.usual_clock = false;
-        self.period_ns = hz.period_ns().max(2 * self.set_ns + read_ns).max(2);
+        self.period_ns = hz.period_ns().max(self.least_period_ns()).max(2);
         self.measured_ns = None;
         Ok(self.clock())
     }
@@ -443,10 +509,9 @@ impl<P: Pins> Link for Bang<P> {
         if let Some(set_ns) = median(&mut self.scratch, calls) {
             self.set_ns = set_ns;
         }
-        let (_, read_ns) = self.pins.cost_ns();
         self.period_ns = match self.usual_clock {
             true => usual_period_ns(self.set_ns),
-            false => self.period_ns.max(2 * self.set_ns + read_ns),
+            false => self.period_ns.max(self.least_period_ns()),
         };
         Ok(self.clock())
     }

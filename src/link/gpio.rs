@@ -15,18 +15,19 @@ use super::bitbang::{Bang, Pins};
 use super::{Error, Monotonic, Uapi};
 use crate::limits::REST_NS;
 
-/// MA and SLO as requested lines. Dropping it leaves MA high for 40 µs before the kernel takes it back.
+/// MA, SLO and perhaps MO as requested lines. Dropping it leaves MA high for 40 µs before the kernel takes it back.
 #[derive(Debug)]
 pub struct GpioPins {
     ma: Line,
     slo: Line,
+    mo: Option<Line>,
     uapi: Uapi,
     time: Monotonic,
     set_ns: u64,
     get_ns: u64,
 }
 
-/// Requests the lines, MA driven high from the first moment on.
+/// Requests the lines, MA and MO driven high from the first moment on.
 ///
 /// # Errors
 /// When the chip or a line does not exist, may not be used, or is in use: then its consumer is named. When the kernel
@@ -35,18 +36,24 @@ pub fn open(
     chip: Option<&str>,
     ma: &str,
     slo: &str,
+    mo: Option<&str>,
     uapi: Option<Uapi>,
 ) -> Result<Bang<GpioPins>, Error> {
     let chips = among(chip)?;
     let uapi = choose(&chips[0], uapi)?;
     let ma = find(&chips, ma, uapi)?;
     let slo = find(&chips, slo, uapi)?;
-    // SLO first: whoever has MA has to leave it high for a while.
+    let mo = mo.map(|mo| find(&chips, mo, uapi)).transpose()?;
+    let all: Vec<&Place> = [&ma, &slo].into_iter().chain(&mo).collect();
+    different(&all)?;
+    // MA last: whoever has it has to leave it high for a while.
     let slo = slo.input("SLO")?;
+    let mo = mo.map(|mo| mo.output("MO", true)).transpose()?;
     let ma = ma.output("MA", true)?;
     let mut pins = GpioPins {
         ma,
         slo,
+        mo,
         uapi,
         time: Monotonic::start(),
         set_ns: 0,
@@ -54,6 +61,20 @@ pub fn open(
     };
     pins.measure_calls()?;
     Ok(Bang::new(pins))
+}
+
+/// A line can be given by name and by number.
+fn different(lines: &[&Place]) -> Result<(), Error> {
+    for (index, line) in lines.iter().enumerate() {
+        if lines[..index].iter().any(|other| other.is_same(line)) {
+            return Err(Error::new(
+                "choosing lines",
+                format!("{} is given twice", line.shown()),
+                "MA, SLO and MO are lines of their own",
+            ));
+        }
+    }
+    Ok(())
 }
 
 impl GpioPins {
@@ -84,6 +105,17 @@ impl Pins for GpioPins {
         self.slo.get()
     }
 
+    fn has_mo(&self) -> bool {
+        self.mo.is_some()
+    }
+
+    fn mo(&mut self, high: bool) -> Result<(), Error> {
+        match &self.mo {
+            Some(mo) => mo.set(high),
+            None => Ok(()),
+        }
+    }
+
     fn now_ns(&self) -> u64 {
         self.time.now_ns()
     }
@@ -110,6 +142,7 @@ impl Drop for GpioPins {
     fn drop(&mut self) {
         // On the way out there is nobody left to tell; the kernel frees the line next.
         let _ = self.ma.set(true);
+        let _ = self.mo(true);
         self.time.until(self.time.now_ns() + REST_NS);
     }
 }

@@ -1,6 +1,6 @@
 //! `LINK` on the command line: `gpio:0,ma=17,slo=27`, `spi:0.0`, `sim:delay=3us`, `file:bench.vcd`.
 
-use super::Phase;
+use super::{Phase, Uapi};
 use crate::format::Format;
 use crate::parse::ParseError;
 use crate::pattern::LEAST_SAMPLES;
@@ -20,7 +20,7 @@ pub struct Spec {
 /// The kinds of links.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// Two lines of a GPIO chip.
+    /// Lines of a GPIO chip.
     Gpio {
         /// Number, name, label or path; without it a line's name finds its chip.
         chip: Option<String>,
@@ -28,6 +28,10 @@ pub enum Kind {
         ma: String,
         /// SLO: offset or name.
         slo: String,
+        /// MO, for slaves on a bus: offset or name.
+        mo: Option<String>,
+        /// Which of the kernel's interfaces; `None` takes what there is.
+        uapi: Option<Uapi>,
     },
     /// SCLK is MA, MISO is SLO.
     Spi {
@@ -67,7 +71,7 @@ pub enum Kind {
     },
 }
 
-const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
+const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE[,mo=LINE][,uapi=v1|v2]  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
                      wave:BUS.CS[,oversample=N][,invert][,idle=low|high]  sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]";
 
 /// One option: where it starts, and its text with `\,` already a comma.
@@ -212,26 +216,40 @@ impl Parser<'_> {
     }
 
     fn gpio(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
-        let (mut chip, mut ma, mut slo) = (None, None, None);
+        let (mut chip, mut ma, mut slo, mut mo, mut uapi) = (None, None, None, None, None);
         for (index, item) in items.iter().enumerate() {
             match item.pair() {
+                Some(("uapi", "v1")) => uapi = Some(Uapi::V1),
+                Some(("uapi", "v2")) => uapi = Some(Uapi::V2),
+                Some(("uapi", _)) => return Err(self.wrong(item, "uapi is v1 or v2")),
                 Some((_, "")) => return Err(self.wrong(item, "a line has a number or a name")),
                 Some(("ma", line)) => ma = Some(line.to_owned()),
                 Some(("slo", line)) => slo = Some(line.to_owned()),
+                Some(("mo", line)) => mo = Some(line.to_owned()),
                 None if index == 0 => chip = Some(item.text.clone()),
-                _ => return Err(self.unknown(item, "ma= slo=")),
+                _ => return Err(self.unknown(item, "ma= slo= mo= uapi=")),
             }
         }
         let ma = ma.ok_or_else(|| self.missing("ma=LINE"))?;
         let slo = slo.ok_or_else(|| self.missing("slo=LINE"))?;
-        let offset = |line: &str| line.parse::<u32>().is_ok();
-        if chip.is_none() && (offset(&ma) || offset(&slo)) {
+        let lines = [Some(&ma), Some(&slo), mo.as_ref()];
+        let mut numbers = lines.iter().flatten().map(|line| line.parse::<u32>());
+        if chip.is_none() && numbers.any(|number| number.is_ok()) {
             return Err(self.missing("a chip when lines are numbers: gpio:0,ma=17,slo=27"));
         }
         if ma == slo {
             return Err(self.missing("two different lines"));
         }
-        Ok(Kind::Gpio { chip, ma, slo })
+        if mo.as_ref().is_some_and(|mo| *mo == ma || *mo == slo) {
+            return Err(self.missing("three different lines"));
+        }
+        Ok(Kind::Gpio {
+            chip,
+            ma,
+            slo,
+            mo,
+            uapi,
+        })
     }
 
     /// `BUS.CS` or a path.
@@ -368,6 +386,8 @@ mod tests {
             chip: Some("0".into()),
             ma: "17".into(),
             slo: "27".into(),
+            mo: None,
+            uapi: None,
         };
         assert_eq!(
             spec("gpio:0,ma=17,slo=27"),
@@ -380,8 +400,13 @@ mod tests {
             chip: None,
             ma: "GPIO17".into(),
             slo: "a,b".into(),
+            mo: Some("GPIO22".into()),
+            uapi: Some(Uapi::V2),
         };
-        assert_eq!(spec(r"gpio:ma=GPIO17,slo=a\,b").kind, gpio);
+        assert_eq!(
+            spec(r"gpio:uapi=v2,ma=GPIO17,mo=GPIO22,slo=a\,b").kind,
+            gpio
+        );
         let spi = Kind::Spi {
             path: "/dev/spidev0.1".into(),
             phase: Some(Phase::Half),
@@ -431,6 +456,13 @@ mod tests {
             ("gpio:ma=17,slo=27", 17..17, "needs a chip"),
             ("gpio:0,ma=17,slo=17", 19..19, "two different lines"),
             ("gpio:0,ma=17,slo=27,pull=up", 20..24, "no option `pull`"),
+            ("gpio:0,ma=17,slo=27,mo=17", 25..25, "three different lines"),
+            ("gpio:0,ma=17,slo=27,mo=27", 25..25, "three different lines"),
+            ("gpio:0,ma=17,slo=27,mo=", 20..23, "number or a name"),
+            ("gpio:ma=A,slo=B,mo=22", 21..21, "needs a chip"),
+            ("gpio:0,ma=17,slo=27,uapi=3", 20..26, "v1 or v2"),
+            ("gpio:0,ma=17,slo=27,uapi=", 20..25, "v1 or v2"),
+            ("gpio:uapi=v1,uapi=v2,ma=a,slo=b", 13..20, "there already"),
             ("gpio:0,ma=,slo=27", 7..10, "number or a name"),
             ("spi:0", 4..5, "not BUS.CS"),
             ("spi:0.0,phase=1", 8..15, "auto, 2 or 3"),
@@ -466,8 +498,8 @@ mod tests {
         println!("seed {seed}");
         let mut rng = fastrand::Rng::with_seed(seed);
         let parts = [
-            "gpio:", "spi:", "wave:", "sim:", "file:", "ma=", "slo=", "0.0", ",", "\\", "=",
-            "frame=", "st26", "é", "delay=", "1us", "phase=",
+            "gpio:", "spi:", "wave:", "sim:", "file:", "ma=", "slo=", "mo=", "uapi=", "v2", "0.0",
+            ",", "\\", "=", "frame=", "st26", "é", "delay=", "1us", "phase=",
         ];
         for _ in 0..20_000 {
             let text: String = (0..rng.usize(0..9))
