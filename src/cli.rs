@@ -20,13 +20,18 @@ Examples:
   biss read sim                                                a simulated encoder, no hardware
   biss read spi:0.0 -f st26,nE,nW,crc6 -c 2MHz                 SCLK is MA, MISO is SLO
   biss read gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 0 -i 1ms  two GPIO lines, every millisecond
-  biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording";
+  biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording
+  biss list                                                    what this machine has for an encoder";
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Read frames and print them, one record a line
     #[command(after_help = READ_HELP)]
-    Read(Read),
+    Read(Box<Read>),
+
+    /// What this machine offers, what is missing, and what helps
+    #[command(after_help = LIST_HELP)]
+    List(List),
 }
 
 const READ_HELP: &str = "\
@@ -123,6 +128,34 @@ pub(crate) struct Read {
     /// Colours in text output
     #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
     pub(crate) color: ColorWhen,
+}
+
+const LIST_HELP: &str = "\
+Shown:
+  GPIO chips, their lines and who holds them; spidevs and their drivers; what this user may use;
+  settings of the kernel that matter; presets. What is missing comes with its fix.
+
+Exit status:
+  0  it could look, whatever it found
+  2  usage or machine";
+
+#[derive(Debug, Args)]
+pub(crate) struct List {
+    /// How it is told
+    #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]
+    pub(crate) format: ReportFormat,
+
+    /// Free lines too, not only those in use; JSON has all of them anyway
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ReportFormat {
+    /// For people
+    Text,
+    /// JSON Lines
+    Json,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -1,5 +1,6 @@
 //! The verbs.
 
+pub(crate) mod list;
 pub(crate) mod read;
 
 /// How a command ended, as the shell sees it.

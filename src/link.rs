@@ -128,6 +128,16 @@ impl Error {
             hint: hint.into(),
         }
     }
+
+    /// What the system said.
+    pub fn said(&self) -> &str {
+        &self.said
+    }
+
+    /// What to try.
+    pub fn hint(&self) -> &str {
+        &self.hint
+    }
 }
 
 impl fmt::Display for Error {

@@ -33,11 +33,12 @@ fn main() -> ExitCode {
 
 fn run(matches: &ArgMatches) -> ExitCode {
     let cli = cli::Cli::from_arg_matches(matches).unwrap_or_else(|error| error.exit());
-    let frame_given = matches.subcommand().is_some_and(|(_, matches)| {
-        matches.value_source("frame") == Some(ValueSource::CommandLine)
-    });
+    let frame_given = matches
+        .subcommand_matches("read")
+        .is_some_and(|read| read.value_source("frame") == Some(ValueSource::CommandLine));
     let result = match cli.command {
-        cli::Command::Read(args) => cmd::read::run(args, frame_given),
+        cli::Command::Read(args) => cmd::read::run(*args, frame_given),
+        cli::Command::List(args) => cmd::list::run(args),
     };
     match result {
         Ok(ended) => {

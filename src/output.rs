@@ -1,5 +1,7 @@
 //! Records on stdout, everything else on stderr. The only place that prints.
 
+pub(crate) mod list;
+
 use crate::cli::{ColorWhen, OutputFormat, TimeStyle};
 use anstyle::{AnsiColor, Style};
 use biss::cycle::{Cycle, Fault, Word};
@@ -15,6 +17,13 @@ pub(crate) fn note(text: impl Display) {
     let line = format!("biss: {text}\n");
     // Nobody is left to tell when stderr is gone.
     let _ = io::stderr().lock().write_all(line.as_bytes());
+}
+
+/// Writes a whole answer to stdout.
+pub(crate) fn answer(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    out.flush()
 }
 
 /// What a record is made of.

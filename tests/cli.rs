@@ -660,3 +660,63 @@ fn retries_end_with_their_slot() {
         "{frames:?}"
     );
 }
+
+/// Whatever machine this is, `list` can look, and says something about both kinds of pins.
+#[test]
+fn list_looks_and_never_fails_for_what_it_finds() {
+    let (stdout, stderr, status) = run("list");
+    assert_eq!((stderr.as_str(), status), ("", Some(0)));
+    let titles: Vec<&str> = stdout.lines().filter(|line| !line.is_empty()).collect();
+    assert!(titles[0].contains(", Linux "), "{stdout}");
+    assert!(
+        titles.contains(&"GPIO") && titles.contains(&"SPI"),
+        "{stdout}"
+    );
+
+    let (stdout, stderr, status) = run("list -o json");
+    assert_eq!((stderr.as_str(), status), ("", Some(0)));
+    let records = json(&stdout);
+    assert_eq!(records[0]["type"], "list-board");
+    let of = |what: &str, thing: &str| {
+        records
+            .iter()
+            .any(|record| record["type"] == thing || record["what"] == what)
+    };
+    assert!(
+        of("gpio", "list-chip") && of("spi", "list-spidev"),
+        "{stdout}"
+    );
+
+    let (stdout, stderr, status) = run("list sim");
+    assert_eq!((stdout.as_str(), status), ("", Some(2)));
+    assert!(
+        stderr.starts_with("biss: unexpected argument 'sim'"),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn list_says_when_it_cannot_write() {
+    let full = std::fs::File::options()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
+    let output = biss(&["list"]).stdout(full).output().unwrap();
+    let (_, stderr, status) = texts(output);
+    assert_eq!(status, Some(2));
+    assert!(
+        stderr.starts_with("biss: writing the list: No space left"),
+        "{stderr}"
+    );
+
+    let (reader, writer) = std::os::unix::net::UnixStream::pair().unwrap();
+    drop(reader);
+    let writer = std::os::fd::OwnedFd::from(writer);
+    let output = biss(&["list"]).stdout(writer).output().unwrap();
+    let (_, stderr, status) = texts(output);
+    assert_eq!(
+        (stderr.as_str(), status),
+        ("", Some(0)),
+        "a broken pipe is quiet"
+    );
+}

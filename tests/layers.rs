@@ -88,9 +88,11 @@ const JOINTS: &[&str] = &["lib.rs", "link.rs", "master.rs"];
 const BINARY: &[&str] = &[
     "cli.rs",
     "cmd.rs",
+    "cmd/list.rs",
     "cmd/read.rs",
     "main.rs",
     "output.rs",
+    "output/list.rs",
     "sys.rs",
 ];
 
