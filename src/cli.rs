@@ -224,3 +224,6 @@ impl FromStr for Timeout {
         })
     }
 }
+
+#[cfg(test)]
+mod generated;

@@ -1,0 +1,66 @@
+# Print an optspec for argparse to handle cmd's options that are independent of any subcommand.
+function __fish_biss_global_optspecs
+    string join \n h/help V/version
+end
+
+function __fish_biss_needs_command
+    # Figure out if the current invocation already has a command.
+    set -l cmd (commandline -opc)
+    set -e cmd[1]
+    argparse -s (__fish_biss_global_optspecs) -- $cmd 2>/dev/null
+    or return
+    if set -q argv[1]
+        # Also print the command, so this can be used to figure out what it is.
+        echo $argv[1]
+        return 1
+    end
+    return 0
+end
+
+function __fish_biss_using_subcommand
+    set -l cmd (__fish_biss_needs_command)
+    test -z "$cmd"
+    and return 1
+    contains -- $cmd[1] $argv
+end
+
+complete -c biss -n "__fish_biss_needs_command" -s h -l help -d 'Print help'
+complete -c biss -n "__fish_biss_needs_command" -s V -l version -d 'Print version'
+complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand read" -s t -l time -d 'Time stamps' -r -f -a "zero\t'Since the first frame'
+delta\t'Since the frame before'
+unix\t'Since 1970'
+none\t'None'"
+complete -c biss -n "__fish_biss_using_subcommand read" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l wait -d 'How long to wait for a first good frame' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l color -d 'Colours in text output' -r -f -a "auto\t'On a terminal, unless NO_COLOR is set'
+always\t'Always'
+never\t'Never'"
+complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs; add bits to records'
+complete -c biss -n "__fish_biss_using_subcommand read" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, not only those in use; JSON has all of them anyway'
+complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand read" -a "file:\t'VCD recording, - for standard input'
+gpio:\t'two GPIO lines'
+sim\t'simulated encoder'
+spi:\t'spidev: SCLK is MA, MISO is SLO'
+wave:\t'spidev: MOSI is MA, MISO is SLO'"
