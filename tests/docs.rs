@@ -9,7 +9,7 @@
 //!   `biss ARGS`. Where a pipeline's two ends write to the same stream its order is chance: such a biss wants `-q`.
 //!   Without jq, what stands before `| jq` must still succeed and print JSON Lines.
 //!   BISS_BLESS=1 writes what is printed now in the place of what is shown, where that has no `[..]` and no `...`.
-//! * `sh`: commands for hardware, never run. What a `biss read` takes there must parse, and its options must exist.
+//! * `sh`: commands for hardware, never run. What a verb of biss takes there must parse, and its options must exist.
 //! * `json`: one value a line, each must parse. `text`, `toml`, `ini`: nothing.
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
@@ -360,15 +360,33 @@ fn one_of(value: &str, known: &[&str]) -> Result<(), String> {
     }
 }
 
-/// Checks one command line of an `sh` block. Whether it holds a `biss read`.
-fn check_hardware(command: &str, help: &str) -> Result<bool, String> {
+/// A verb and its own help.
+struct Verb {
+    name: String,
+    help: String,
+}
+
+/// All that `biss --help` lists.
+fn verbs() -> Vec<Verb> {
+    let help = run("biss --help", 0).output;
+    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let names = listed.map_while(|line| line.split_whitespace().next());
+    let verb = |name: &str| Verb {
+        name: name.to_owned(),
+        help: run(&format!("biss {name} --help"), 0).output,
+    };
+    names.filter(|name| *name != "help").map(verb).collect()
+}
+
+/// Checks one command line of an `sh` block. Whether it holds a verb of biss.
+fn check_hardware(command: &str, verbs: &[Verb]) -> Result<bool, String> {
     let end = command.find(['|', '>', ';', '&', '#']);
     let words = words(&command[..end.unwrap_or(command.len())]);
     let Some(at) = words.iter().position(|word| word == "biss") else {
         // In quotes, for another program to run.
-        let quoted = words.iter().filter(|word| word.starts_with("biss read "));
+        let quoted = words.iter().filter(|word| word.starts_with("biss "));
         let checked: Vec<bool> = quoted
-            .map(|word| check_hardware(word, help))
+            .map(|word| check_hardware(word, verbs))
             .collect::<Result<_, _>>()?;
         return Ok(!checked.is_empty());
     };
@@ -376,18 +394,18 @@ fn check_hardware(command: &str, help: &str) -> Result<bool, String> {
     if let Some(format) = variable("BISS_FRAME=") {
         parses::<Format>(format)?;
     }
-    let mut link = variable("BISS_LINK=").map(str::to_owned);
     let mut rest = words[at + 1..].iter();
-    if rest.next().map(String::as_str) != Some("read") {
-        return Err("biss has the verb `read` only".into());
-    }
+    let name = rest.next().ok_or("no verb")?;
+    let verb = verbs.iter().find(|verb| verb.name == *name);
+    let help = &verb.ok_or(format!("biss has no verb `{name}`"))?.help;
+    let mut link = variable("BISS_LINK=").map(str::to_owned);
     while let Some(word) = rest.next() {
         if !word.starts_with('-') {
             link = Some(word.clone());
             continue;
         }
         if !help.split([' ', ',', '\n']).any(|known| known == word) {
-            return Err(format!("`biss read --help` has no {word}"));
+            return Err(format!("`biss {name} --help` has no {word}"));
         }
         let valued = VALUED
             .iter()
@@ -396,18 +414,25 @@ fn check_hardware(command: &str, help: &str) -> Result<bool, String> {
             value_fits(rest.next().map_or("", String::as_str))?;
         }
     }
-    parses::<Spec>(&link.ok_or("no link")?)?;
+    let usage = help.lines().find(|line| line.starts_with("Usage:"));
+    let usage = usage.unwrap_or_default();
+    match link {
+        Some(link) if usage.contains("LINK") => parses::<Spec>(&link)?,
+        Some(word) => return Err(format!("`biss {name}` takes no {word}")),
+        None if usage.contains("<LINK>") => return Err("no link".into()),
+        None => {}
+    }
     Ok(true)
 }
 
 #[test]
 fn hardware_commands_parse() {
-    let help = run("biss read --help", 0).output;
+    let verbs = verbs();
     let mut checked = 0;
     for block in blocks_tagged("sh") {
         let text = block.lines.join("\n").replace("\\\n", " ");
         for command in text.lines() {
-            match check_hardware(command, &help) {
+            match check_hardware(command, &verbs) {
                 Ok(biss) => checked += usize::from(biss),
                 Err(complaint) => panic!("{}\n{command}\n{complaint}", block.at()),
             }
@@ -580,7 +605,7 @@ fn the_checks_refuse() {
     let changes = vec![(3..3, own(&["x", "y"])), (1..2, own(&["z"]))];
     assert_eq!(blessed("a\nb\nc\nd\n", changes), "a\nz\nc\nx\ny\nd\n");
 
-    let help = run("biss read --help", 0).output;
+    let verbs = verbs();
     for (command, good) in [
         ("biss read spi:0.0 -f st26,nE,nW,crc6 -c 2MHz", true),
         ("BISS_LINK=spi:0.0 biss read -q | jq .", true),
@@ -593,9 +618,14 @@ fn the_checks_refuse() {
         ("biss read spi:0.0 -i 5", false),
         ("biss read spi:0.0 --rate 5", false),
         ("biss read", false),
+        ("biss list", true),
+        ("biss list -v -o json", true),
+        ("biss list spi:0.0", false),
+        ("biss list -f st26", false),
         ("biss detect spi:0.0", false),
+        ("biss", false),
     ] {
-        let checked = check_hardware(command, &help);
+        let checked = check_hardware(command, &verbs);
         assert_eq!(checked.is_ok_and(|biss| biss), good, "{command}");
     }
 }

@@ -622,9 +622,9 @@ mod tests {
         "VmSize:\t    5000 kB\nCapEff:\t0000000000000000\n",
     );
 
-    #[test]
-    fn a_raspberry_pi_with_everything() {
-        let fake = Fake::new(&[
+    /// A Raspberry Pi with everything.
+    fn pi() -> Fake {
+        Fake::new(&[
             PI,
             LIMITS,
             STATUS,
@@ -654,9 +654,13 @@ mod tests {
                 "sys/class/spi_master/spi0/device/driver",
                 "../../../bus/platform/drivers/spi-bcm2835",
             ),
-        ]);
+        ])
+    }
+
+    #[test]
+    fn a_raspberry_pi_with_everything() {
         assert_eq!(
-            fake.text(),
+            pi().text(),
             "\
 Raspberry Pi 4 Model B Rev 1.5, Linux 6.12.47+rpt-rpi-v8, ARCH
 
@@ -935,6 +939,34 @@ Nothing to connect an encoder to; `biss read sim` needs none.
             line["consumer"], "evil\r\u{7}\n  fix: rm",
             "scripts get the name as it is"
         );
+    }
+
+    #[test]
+    fn every_key_is_explained() {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/output.md");
+        let page = fs::read_to_string(page).unwrap();
+        let bare = Fake::new(&[PI, LIMITS, STATUS, ("proc/sys/kernel/osrelease", "6.12")]);
+        let full = pi();
+        let refused = full.with(&|_, _| Err(io::Error::from_raw_os_error(libc::EACCES)));
+        let mut keys = std::collections::BTreeSet::new();
+        let mut explained = |word: &str| {
+            assert!(
+                page.contains(&format!("`{word}`")),
+                "docs/output.md: {word}"
+            );
+            keys.insert(word.to_owned());
+        };
+        for report in [bare.report(), full.report(), refused] {
+            for line in report.render(ReportFormat::Json, false).unwrap().lines() {
+                let record: serde_json::Map<_, _> = serde_json::from_str(line).unwrap();
+                explained(record["type"].as_str().unwrap());
+                record.keys().for_each(|key| explained(key));
+                if record["type"] == "list-setting" {
+                    explained(record["name"].as_str().unwrap());
+                }
+            }
+        }
+        assert!(keys.len() > 30, "too few to show anything: {keys:?}");
     }
 
     #[test]
