@@ -1,9 +1,10 @@
 //! The command line as clap sees it. `cmd` turns it into checked values.
 
+use biss::ParseError;
 use biss::frame::Stall;
 use biss::link::Spec;
+use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
-use biss::{Format, ParseError};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::str::FromStr;
 
@@ -59,15 +60,15 @@ pub(crate) struct Read {
     #[arg(env = "BISS_LINK", hide_env_values = true)]
     pub(crate) link: Spec,
 
-    /// Frame format, such as mt12,st20,nE,nW,crc6
+    /// Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset
     #[arg(
         short,
         long,
-        value_name = "FORMAT",
+        value_name = "FORMAT|PRESET",
         env = "BISS_FRAME",
         hide_env_values = true
     )]
-    pub(crate) frame: Option<Format>,
+    pub(crate) frame: Option<Frame>,
 
     /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
     #[arg(short, long, value_name = "FREQ")]

@@ -51,6 +51,15 @@ impl ParseError {
         }
     }
 
+    /// With other words for what is wrong, about all of the text.
+    pub(crate) fn instead(self, what: &str) -> Self {
+        ParseError {
+            span: 0..self.text.len(),
+            what: what.to_owned(),
+            ..self
+        }
+    }
+
     /// With more to its hint.
     pub(crate) fn also(mut self, hint: &str) -> Self {
         self.hint.push_str(hint);

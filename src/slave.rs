@@ -8,6 +8,7 @@
 
 use crate::format::{Channel, Format, Kind};
 use crate::parse::ParseError;
+use crate::preset::{Frame, Timeout as Published};
 use crate::unit::{Nanos, probability};
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
@@ -64,6 +65,8 @@ pub struct Config {
     pub turn: u64,
     /// Kind and length of the timeout.
     pub timeout: Timeout,
+    /// The timeout was asked for, so no preset sets another.
+    pub timeout_given: bool,
     /// The timer restarts on rising MA edges only, as in some HDL slaves (PandABlocks).
     pub rising_only: bool,
     /// Processing time from LAT, drawn anew for each frame.
@@ -114,6 +117,7 @@ impl Default for Config {
             position: 0,
             turn: 0,
             timeout: Timeout::Static(Nanos(20_000)),
+            timeout_given: false,
             rising_only: false,
             busy: Nanos(0)..=Nanos(0),
             ack: 1,
@@ -157,6 +161,23 @@ impl Config {
     pub fn knows(key: &str) -> bool {
         KEYS.iter()
             .any(|(keys, _)| keys.split(' ').any(|known| known == key))
+    }
+
+    /// Plays a published encoder: its frame, and its timeout where none was asked for.
+    pub fn play(&mut self, frame: &Frame) {
+        self.format = frame.format.clone();
+        let published = frame.preset.and_then(|preset| preset.timeout);
+        if let Some(timeout) = published.filter(|_| !self.timeout_given) {
+            self.timeout = match timeout {
+                Published::Static { max: time, .. } | Published::Nominal(time) => {
+                    Timeout::Static(time)
+                }
+                Published::Adaptive => Timeout::Adaptive {
+                    sample_clock: Nanos(0),
+                },
+                Published::FromRequest(time) => Timeout::FromRequest(time),
+            };
+        }
     }
 
     /// Sets one `KEY=VAL`; `motion` and `timeout` come before the keys that say more about them.
@@ -215,6 +236,7 @@ impl Config {
                 _ => return Err(wrong("… only with motion=sine")),
             },
             "timeout" => {
+                self.timeout_given = true;
                 self.timeout = match value {
                     "adaptive" => Timeout::Adaptive {
                         sample_clock: Nanos(0),

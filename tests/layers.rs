@@ -62,6 +62,7 @@ const CORE: &[&str] = &[
     "limits.rs",
     "parse.rs",
     "pattern.rs",
+    "preset.rs",
     "protocol.rs",
     "slave.rs",
     "slice.rs",

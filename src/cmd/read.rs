@@ -5,11 +5,12 @@ use crate::cli;
 use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::{self, Signals};
 use anyhow::{Result, anyhow, bail};
-use biss::Format;
+use biss::format::Format;
 use biss::frame::{BissC, Stall};
 use biss::limits;
 use biss::link::{self, Kind, Link};
 use biss::master::{Master, Slot};
+use biss::preset::{Frame, Preset};
 use biss::trace::{Cut, Trace};
 use biss::unit::{Hertz, Nanos};
 use std::cell::RefCell;
@@ -21,17 +22,21 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// `-c` where nothing else is said, on links that do it.
 const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 
-pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
-    let format = choose_format(&args, frame_given)?;
+pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
+    let frame = choose_frame(&args, frame_given)?;
     check(&args)?;
+    if let Some(preset) = frame.preset {
+        warn_outside(&args, preset);
+        fill_in(&mut args, preset);
+    }
     schedule(&args)?;
     let signals = Signals::catch().map_err(|e| {
         anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
     })?;
     let printer = Printer::new(args.format, args.time, args.color, args.verbose);
     let printer = Rc::new(RefCell::new(printer));
-    let mut link = open(&args, &format, &signals, &printer)?;
-    let protocol = protocol(&args, format);
+    let mut link = open(&args, &frame, &signals, &printer)?;
+    let protocol = protocol(&args, frame.format);
     Run {
         args: &args,
         protocol: &protocol,
@@ -60,19 +65,23 @@ fn schedule(args: &cli::Read) -> Result<()> {
 }
 
 /// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
-fn choose_format(args: &cli::Read, given: bool) -> Result<Format> {
+fn choose_frame(args: &cli::Read, given: bool) -> Result<Frame> {
     let flag = args.frame.clone().filter(|_| given);
     let chosen = flag
         .or_else(|| args.link.frame.clone())
         .or_else(|| args.frame.clone());
-    if let Some(format) = chosen {
-        return Ok(format);
+    if let Some(frame) = chosen {
+        return Ok(frame);
     }
     match &args.link.kind {
-        Kind::Sim { config, .. } => Ok(config.format.clone()),
+        Kind::Sim { config, .. } => Ok(Frame {
+            format: config.format.clone(),
+            preset: None,
+        }),
         _ => bail!(
             "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
-             its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields"
+             its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
+             and -f resolute-26 or another preset saves the trouble"
         ),
     }
 }
@@ -98,9 +107,31 @@ fn check(args: &cli::Read) -> Result<()> {
     }
 }
 
+/// What the user asks for and the encoder is not made for. He may know better, so he gets it.
+fn warn_outside(args: &cli::Read, preset: &Preset) {
+    let clock = args.clock.and_then(|clock| preset.clock_outside(clock));
+    let interval = args.interval.and_then(|time| preset.interval_outside(time));
+    let timeout = args
+        .timeout
+        .and_then(|timeout| preset.timeout_outside(timeout.stall, timeout.max));
+    if !args.quiet {
+        [clock, interval, timeout].iter().flatten().for_each(note);
+    }
+}
+
+/// What the user has not said, the preset may.
+fn fill_in(args: &mut cli::Read, preset: &Preset) {
+    if matches!(args.link.kind, Kind::Spi { .. } | Kind::Sim { .. }) {
+        args.clock
+            .get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
+    }
+    let (stall, max) = preset.judged();
+    args.timeout.get_or_insert(cli::Timeout { stall, max });
+}
+
 fn open(
     args: &cli::Read,
-    format: &Format,
+    frame: &Frame,
     signals: &Signals,
     printer: &Rc<RefCell<Printer>>,
 ) -> Result<Box<dyn Link>> {
@@ -145,7 +176,7 @@ fn open(
         Kind::Sim { config, .. } => {
             let mut config = (**config).clone();
             // The slave sends what its link says, else what is asked for.
-            config.format = args.link.frame.clone().unwrap_or_else(|| format.clone());
+            config.play(args.link.frame.as_ref().unwrap_or(frame));
             let mut link = link::sim::open(config);
             link.set_clock(args.clock.unwrap_or(USUAL_CLOCK))?;
             Box::new(link)

@@ -49,7 +49,9 @@ impl FromStr for Config {
         let Kind::Sim { config, .. } = spec.kind else {
             unreachable!("the text begins with sim:")
         };
-        let format = spec.frame.unwrap_or(config.format.clone());
+        let format = spec
+            .frame
+            .map_or(config.format.clone(), |frame| frame.format);
         Ok(Config { format, ..*config })
     }
 }

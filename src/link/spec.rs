@@ -1,9 +1,9 @@
 //! `LINK` on the command line: `gpio:0,ma=17,slo=27`, `spi:0.0`, `sim:delay=3us`, `file:bench.vcd`.
 
 use super::{Phase, Uapi};
-use crate::format::Format;
 use crate::parse::ParseError;
 use crate::pattern::LEAST_SAMPLES;
+use crate::preset::Frame;
 use crate::slave::Config;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -13,8 +13,8 @@ use std::str::FromStr;
 pub struct Spec {
     /// Which kind, with its own options.
     pub kind: Kind,
-    /// The format behind `frame=`, which ends the options and takes the rest.
-    pub frame: Option<Format>,
+    /// The format or preset behind `frame=`, which ends the options and takes the rest.
+    pub frame: Option<Frame>,
 }
 
 /// The kinds of links.
