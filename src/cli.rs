@@ -3,6 +3,7 @@
 use biss::ParseError;
 use biss::frame::Stall;
 use biss::link::Spec;
+use biss::place::Zero;
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -44,10 +45,11 @@ Links:
                                          spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]                        simulated encoder; a wrong KEY lists them all
   file:PATH[,ma=NAME][,slo=NAME]         VCD recording, - for standard input
-  An option frame=FORMAT ends the options and takes the rest.
+  An option frame=FORMAT|PRESET ends the options and takes the rest.
 
 Frame format, in wire order after CDS, channels joined by +:
   mtN stN posN padN dataN[=NAME] lcN  nE nW (active low)  E W  crcN[:POLY[:init=X][:plain]]
+  or a preset, such as resolute-26, with the encoder's own limits; biss list shows them all
 
 Exit status:
   0  every frame asked for was good and without error bit
@@ -86,6 +88,22 @@ pub(crate) struct Read {
     #[arg(short = 'o', long, value_enum, default_value_t = OutputFormat::Text)]
     pub(crate) format: OutputFormat,
 
+    /// Tab-separated values of good records only: LIST is keys of the JSON records, such as t_ns,pos,deg
+    #[arg(short = 'F', long, value_name = "LIST", conflicts_with = "format")]
+    pub(crate) fields: Option<String>,
+
+    /// Count on where the position rolls over, less than half its range a frame: adds counts
+    #[arg(long)]
+    pub(crate) unwrap: bool,
+
+    /// What counts as 0, as the encoder sends it, or the first good frame: adds counts
+    #[arg(long, value_name = "COUNTS|here", allow_negative_numbers = true)]
+    pub(crate) zero: Option<Zero>,
+
+    /// Count against the encoder's direction: adds counts
+    #[arg(long)]
+    pub(crate) reverse: bool,
+
     /// Time stamps
     #[arg(short, long, value_enum, default_value_t = TimeStyle::Zero)]
     pub(crate) time: TimeStyle,
@@ -106,9 +124,9 @@ pub(crate) struct Read {
     #[arg(long, value_name = "N")]
     pub(crate) retries: Option<u32>,
 
-    /// How long to wait for a first good frame
-    #[arg(long, value_name = "TIME", default_value = "0s")]
-    pub(crate) wait: Nanos,
+    /// How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]
+    #[arg(long, value_name = "TIME")]
+    pub(crate) wait: Option<Nanos>,
 
     /// Real-time priority (SCHED_FIFO), memory locked
     #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
@@ -165,6 +183,8 @@ pub(crate) enum OutputFormat {
     Text,
     /// JSON Lines
     Json,
+    /// Comma-separated values, a header first
+    Csv,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -179,7 +179,7 @@ impl Format {
 const FIELDS: &str =
     "fields are mtN stN posN padN dataN[=NAME] lcN nE nW E W and last crcN[:POLY[:init=X][:plain]]";
 /// Keys of a record that a named field must not take over.
-const RESERVED: [&str; 39] = [
+const RESERVED: [&str; 41] = [
     "type",
     "t_ns",
     "t_unix_us",
@@ -191,12 +191,14 @@ const RESERVED: [&str; 39] = [
     "turn",
     "pos",
     "lc",
+    "counts",
     "deg",
     "rev",
     "mm",
     "error",
     "warning",
     "fault",
+    "detail",
     "tries",
     "ack",
     "delay_clk",

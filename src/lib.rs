@@ -47,6 +47,7 @@ pub mod link;
 pub mod master;
 pub mod parse;
 pub mod pattern;
+pub mod place;
 pub mod preset;
 pub mod protocol;
 pub mod slave;

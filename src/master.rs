@@ -105,6 +105,9 @@ pub struct Master<'a> {
     stop: Option<&'a dyn Fn() -> bool>,
     /// The clock to come back to after looking at another.
     asked: Hertz,
+    /// From start to start at least, and when the last frame started.
+    distance_ns: u64,
+    began_ns: Option<u64>,
 }
 
 impl<'a> Master<'a> {
@@ -133,7 +136,14 @@ impl<'a> Master<'a> {
             patience: 3,
             phase: Phase::Whole,
             stop: None,
+            distance_ns: 0,
+            began_ns: None,
         }
+    }
+
+    /// Starts no frame earlier than so long after the one before, whoever asks for it.
+    pub fn keep_distance(&mut self, ns: u64) {
+        self.distance_ns = ns;
     }
 
     /// Repeats no frame any more once `stop` says so.
@@ -283,10 +293,13 @@ impl<'a> Master<'a> {
             return Ok(true);
         }
         let clocks = self.protocol.request(&self.ability());
+        let free_ns = self.began_ns.map_or(0, |began| began + self.distance_ns);
+        let at_ns = at_ns.max(free_ns);
         let ran = self.link.cycles(
             &[Ask { at_ns, clocks }],
             std::slice::from_mut(&mut self.trace),
         )?;
+        self.began_ns = Some(self.trace.t_ns).filter(|_| caps.live);
         self.protocol.decode(&self.trace, &mut self.cycle);
         self.unsettled = !self.cycle.is_good();
         Ok(ran == 1)

@@ -14,7 +14,7 @@ pub struct ParseError {
 
 impl ParseError {
     /// `span` is in bytes of `text`.
-    pub(crate) fn new(
+    pub fn new(
         text: &str,
         span: Range<usize>,
         what: impl Into<String>,

@@ -77,6 +77,8 @@ pub struct Config {
     pub delay: Nanos,
     /// Each SLO edge comes up to this much earlier or later, order kept.
     pub jitter: Nanos,
+    /// Not there until then: SLO reads high, whatever MA does.
+    pub absent: Nanos,
     /// SLO stays low after power-up until the first frame or INIT has passed.
     pub power_up_low: bool,
     /// The CDS bit of each frame.
@@ -123,6 +125,7 @@ impl Default for Config {
             ack: 1,
             delay: Nanos(0),
             jitter: Nanos(0),
+            absent: Nanos(0),
             power_up_low: false,
             cds: false,
             stuck: None,
@@ -132,7 +135,7 @@ impl Default for Config {
 }
 
 /// The keys of [`Config::set`] with their values, as shown to users.
-pub const KEYS: [(&str, &str); 21] = [
+pub const KEYS: [(&str, &str); 22] = [
     ("frame", "FORMAT, last, takes the rest"),
     ("seed", "N"),
     ("motion", "still|count|speed|sine"),
@@ -148,6 +151,7 @@ pub const KEYS: [(&str, &str); 21] = [
     ("ack", "CLOCKS"),
     ("delay", "TIME"),
     ("jitter", "TIME"),
+    ("absent", "TIME, from the start on"),
     ("power-up", "high|low"),
     ("cds", "0|1"),
     ("stuck", "0|1"),
@@ -269,6 +273,7 @@ impl Config {
             }
             "delay" => self.delay = value.parse()?,
             "jitter" => self.jitter = value.parse()?,
+            "absent" => self.absent = value.parse()?,
             "power-up" => {
                 self.power_up_low = match value {
                     "high" => false,
@@ -356,6 +361,7 @@ pub struct Slave {
     config: Config,
     random: Random,
     state: State,
+    present: bool,
     powered_up: bool,
     ma: bool,
     last_edge_ns: u64,
@@ -386,6 +392,7 @@ impl Slave {
         Slave {
             random: Random(config.seed),
             state: State::Idle,
+            present: config.absent.0 == 0,
             powered_up: !config.power_up_low,
             ma: true,
             last_edge_ns: 0,
@@ -434,6 +441,9 @@ impl Slave {
             return;
         }
         self.ma = level;
+        if !self.present {
+            return;
+        }
         if level || !self.config.rising_only || self.state == State::Idle {
             self.last_edge_ns = t_ns;
         }
@@ -452,11 +462,18 @@ impl Slave {
     /// SLO as the master sees it at `t_ns`. Times must not go backwards.
     pub fn slo(&mut self, t_ns: u64) -> bool {
         self.advance(t_ns);
-        self.seen
+        if self.present {
+            self.seen
+        } else {
+            self.config.stuck.unwrap_or(true)
+        }
     }
 
     /// When SLO next changes, or a timeout next expires, if MA stays as it is.
     pub fn next_change(&self) -> Option<u64> {
+        if !self.present {
+            return Some(self.config.absent.0);
+        }
         let arriving = self.under_way.front().map(|(t, _)| *t);
         match (arriving, self.expiry()) {
             (Some(a), Some(b)) => Some(a.min(b)),
@@ -483,6 +500,7 @@ impl Slave {
     }
 
     fn advance(&mut self, t_ns: u64) {
+        self.present |= t_ns >= self.config.absent.0;
         while let Some(at) = self.expiry().filter(|at| *at <= t_ns) {
             self.expire(at);
         }

@@ -3,41 +3,11 @@
 
 mod common;
 
+use common::{biss, json, run, texts};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-fn biss(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_biss"));
-    command
-        .args(args)
-        .env_remove("BISS_LINK")
-        .env_remove("BISS_FRAME")
-        .env("LC_ALL", "C.UTF-8")
-        .env("NO_COLOR", "1");
-    command
-}
-
-fn run(args: &str) -> (String, String, Option<i32>) {
-    let args: Vec<&str> = args.split(' ').collect();
-    texts(biss(&args).output().unwrap())
-}
-
-fn texts(output: Output) -> (String, String, Option<i32>) {
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (
-        text(output.stdout),
-        text(output.stderr),
-        output.status.code(),
-    )
-}
-
-fn json(text: &str) -> Vec<Value> {
-    text.lines()
-        .map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}")))
-        .collect()
-}
 
 #[test]
 fn text_is_what_the_design_shows() {
@@ -119,11 +89,15 @@ fn no_field_can_be_named_like_a_key() {
         "read sim:frame=st26,nE,nW,crc6 -f st20,nE,nW,crc6 -n 20 -o json -q",
         "read file:tests/recordings/faults.vcd -f st26,nE,nW,crc6 -o json -q",
         "read file:tests/recordings/flags.vcd -f st26,nE,nW,crc6 -o json -q",
+        "read sim --unwrap -o json",
     ] {
         for record in json(&run(args).0) {
             keys.extend(record.as_object().unwrap().keys().cloned());
         }
     }
+    let header = run("read sim -o csv -v").0;
+    let header = header.lines().next().unwrap();
+    keys.extend(header.split(',').map(str::to_owned));
     assert!(keys.len() > 30, "{keys:?}");
     for key in keys {
         let error = format!("data8={key}")
@@ -398,6 +372,46 @@ fn waits_for_an_encoder_only_so_long() {
 }
 
 #[test]
+fn waits_until_an_encoder_appears_and_says_so_once() {
+    const SAYS: &str = "no good frame yet, waiting up to 1s for one";
+    for link in ["sim:absent=200ms", "sim:absent=200ms,power-up=low"] {
+        let (stdout, stderr, status) = run(&format!("read {link} --wait 1s -n 3"));
+        assert_eq!(stdout.matches("  ok").count(), 3, "{stdout}");
+        assert_eq!(stderr.matches(SAYS).count(), 1, "{stderr}");
+        assert_eq!((stderr.lines().count(), status), (2, Some(0)));
+        let quiet = run(&format!("read {link} --wait 1s -n 3 -q"));
+        assert_eq!((quiet.1.as_str(), quiet.2), ("", Some(0)));
+    }
+    // Not there in time: the fault is the record.
+    let (stdout, stderr, status) = run("read sim:absent=2s --wait 1s");
+    assert!(stdout.contains("fault no-ack"), "{stdout}");
+    assert_eq!((stderr.lines().count(), status), (1, Some(1)), "{stderr}");
+    assert_eq!(run("read sim:absent=1us -q").2, Some(0));
+    // Who is there at once is not waited for.
+    assert_eq!(run("read sim --wait 1s").1, "");
+    let (_, stderr, status) = run("read file:tests/recordings/bench.vcd -f st26 --wait 1s");
+    assert!(stderr.contains("no meaning on a recording") && status == Some(2));
+}
+
+#[test]
+fn ctrl_c_ends_the_wait() {
+    // More virtual time than any machine lets pass while a test runs.
+    let args = ["read", "sim:stuck=1", "--wait", "86400s", "-o", "csv"];
+    let (mut child, mut stdout) = spawn(&args);
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    stderr.read_line(&mut line).unwrap();
+    assert!(line.contains("waiting up to 86400s"), "{line}");
+    stdout.read_line(&mut line).unwrap();
+    assert!(line.contains("t_ns,seq,ok"), "the header does not wait");
+    signal(&child, "INT");
+    assert_eq!(child.wait().unwrap().code(), Some(1), "nothing was read");
+    let mut rest = String::new();
+    stdout.read_to_string(&mut rest).unwrap();
+    assert_eq!(rest, "");
+}
+
+#[test]
 fn retries_repeat_a_bad_frame() {
     let (stdout, stderr, _) = run("read sim:crc-error=50%,seed=3 -n 50 --retries 20 -o json");
     let records = json(&stdout);
@@ -506,6 +520,30 @@ fn a_broken_pipe_is_a_quiet_end() {
         (stderr.as_str(), child.wait().unwrap().code()),
         ("", Some(0))
     );
+}
+
+#[test]
+fn colours_follow_the_environment_unless_told() {
+    let coloured = |color: &str, set: &[(&str, &str)]| {
+        let mut command = biss(&["read", "sim", "--color", color]);
+        command
+            .env_remove("NO_COLOR")
+            .env_remove("CLICOLOR")
+            .env_remove("CLICOLOR_FORCE")
+            .envs(set.iter().copied());
+        texts(command.output().unwrap()).0.contains('\x1b')
+    };
+    let (no, force) = (("NO_COLOR", "1"), ("CLICOLOR_FORCE", "1"));
+    for (color, set, want) in [
+        ("auto", &[][..], false),
+        ("auto", &[force], true),
+        ("auto", &[no], false),
+        ("auto", &[no, force], false),
+        ("always", &[no], true),
+        ("never", &[force], false),
+    ] {
+        assert_eq!(coloured(color, set), want, "{color} {set:?}");
+    }
 }
 
 #[test]

@@ -13,9 +13,10 @@
 //! * `json`: one value a line, each must parse. `text`, `toml`, `ini`: nothing.
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
-use biss::Format;
 use biss::cycle::Fault;
 use biss::link::Spec;
+use biss::place::Zero;
+use biss::preset::Frame;
 use biss::slave::KEYS;
 use biss::unit::{Hertz, Nanos};
 use serde_json::{Map, Value};
@@ -326,8 +327,8 @@ fn words(command: &str) -> Vec<String> {
 type Check = fn(&str) -> Result<(), String>;
 
 /// Options that take a value.
-const VALUED: [(&str, Check); 15] = [
-    ("-f --frame", |v| parses::<Format>(v)),
+const VALUED: [(&str, Check); 17] = [
+    ("-f --frame", |v| parses::<Frame>(v)),
     ("-c --clock", |v| parses::<Hertz>(v)),
     ("-i --interval", |v| parses::<Nanos>(v)),
     ("--wait", |v| parses::<Nanos>(v)),
@@ -341,7 +342,14 @@ const VALUED: [(&str, Check); 15] = [
     ("--retries", |v| parses::<u32>(v)),
     ("--rt", |v| parses::<u8>(v)),
     ("--cpu", |v| parses::<usize>(v)),
-    ("-o --format", |v| one_of(v, &["text", "json"])),
+    ("-o --format", |v| one_of(v, &["text", "json", "csv"])),
+    ("-F --fields", |v| {
+        match v.starts_with('-') || v.is_empty() {
+            true => Err("a list of names".into()),
+            false => Ok(()),
+        }
+    }),
+    ("--zero", |v| parses::<Zero>(v)),
     ("-t --time", |v| {
         one_of(v, &["zero", "delta", "unix", "none"])
     }),
@@ -392,7 +400,7 @@ fn check_hardware(command: &str, verbs: &[Verb]) -> Result<bool, String> {
     };
     let variable = |name: &str| words[..at].iter().find_map(|word| word.strip_prefix(name));
     if let Some(format) = variable("BISS_FRAME=") {
-        parses::<Format>(format)?;
+        parses::<Frame>(format)?;
     }
     let mut rest = words[at + 1..].iter();
     let name = rest.next().ok_or("no verb")?;
@@ -473,7 +481,7 @@ fn every_key_of_a_record_is_explained() {
     for args in [
         "sim:motion=count,frame=mt12,st24,nE,nW,crc6+mt12,pos24,nE,nW,lc6,crc16 -v -n 2",
         "sim -f st14 -t delta",
-        "sim -t unix",
+        "sim -t unix --unwrap",
         "sim:stuck=0",
         "sim:stuck=1",
         "sim:no-start=1",
@@ -491,6 +499,9 @@ fn every_key_of_a_record_is_explained() {
             keys.extend(record.into_iter().map(|(key, _)| key));
         }
     }
+    let csv = run("biss read sim -o csv -v", 0).output;
+    let header = csv.lines().find(|line| line.contains(",seq,")).unwrap();
+    keys.extend(header.split(',').map(str::to_owned));
     assert!(keys.len() > 35, "too few keys to show anything: {keys:?}");
     for key in keys {
         assert!(text.contains(&format!("`{key}`")), "docs/output.md: {key}");
@@ -614,6 +625,11 @@ fn the_checks_refuse() {
         ("hyperfine 'cat x' 'biss read simm'", false),
         ("biss read spi:0 -f st26", false),
         ("biss read spi:0.0 -f sx26", false),
+        ("biss read spi:0.0 -f resolute-26 --zero here -o csv", true),
+        ("BISS_FRAME=resolute-26 biss read spi:0.0 -F t_ns,pos", true),
+        ("biss read spi:0.0 -f resolute-27", false),
+        ("biss read spi:0.0 --zero home", false),
+        ("biss read spi:0.0 -F", false),
         ("biss read spi:0.0 -c 2", false),
         ("biss read spi:0.0 -i 5", false),
         ("biss read spi:0.0 --rate 5", false),

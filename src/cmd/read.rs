@@ -1,8 +1,9 @@
 //! `biss read`: frames, one after the other or one a slot.
 
+use super::counting::Counting;
 use super::{Ended, Outcome};
 use crate::cli;
-use crate::output::{Printer, Shot, Summary, note};
+use crate::output::{Column, Look, Printer, Shape, Shot, Summary, choose, columns, note};
 use crate::sys::{self, Signals};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
@@ -25,6 +26,8 @@ const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     let frame = choose_frame(&args, frame_given)?;
     check(&args)?;
+    let counting = Counting::asked(&args, &frame.format)?;
+    let look = look(&args, &frame.format, counting.is_some())?;
     if let Some(preset) = frame.preset {
         warn_outside(&args, preset);
         fill_in(&mut args, preset);
@@ -33,12 +36,14 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     let signals = Signals::catch().map_err(|e| {
         anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
     })?;
-    let printer = Printer::new(args.format, args.time, args.color, args.verbose);
+    let printer = Printer::new(look, args.time, args.color, args.verbose);
     let printer = Rc::new(RefCell::new(printer));
     let mut link = open(&args, &frame, &signals, &printer)?;
     let protocol = protocol(&args, frame.format);
     Run {
         args: &args,
+        preset: frame.preset,
+        counting,
         protocol: &protocol,
         signals,
         printer,
@@ -98,13 +103,43 @@ fn check(args: &cli::Read) -> Result<()> {
         ("--clock", args.clock.is_some()),
         ("--interval", args.interval.is_some()),
         ("--retries", args.retries.is_some()),
-        ("--wait", args.wait.0 > 0),
+        ("--wait", args.wait.is_some_and(|wait| wait.0 > 0)),
         ("--time unix", args.time == cli::TimeStyle::Unix),
     ];
     match live_only.iter().find(|(_, set)| *set) {
         Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it out"),
         None => Ok(()),
     }
+}
+
+/// How records look, decided before anything is opened.
+fn look(args: &cli::Read, format: &Format, counted: bool) -> Result<Look> {
+    let kind = &args.link.kind;
+    let clocks_only = matches!(
+        kind,
+        Kind::Gpio { .. } | Kind::Spi { .. } | Kind::Sim { .. }
+    );
+    let live = !matches!(kind, Kind::File { .. });
+    let there = columns(&Shape {
+        format,
+        time: args.time,
+        counted,
+        live,
+        delay_clk: live,
+        delay_ns: !clocks_only,
+    });
+    if let Some(list) = &args.fields {
+        let chosen = choose(list, &there).map_err(|e| anyhow!("--fields: {e}"))?;
+        return Ok(Look::Fields(chosen));
+    }
+    Ok(match args.format {
+        cli::OutputFormat::Text => Look::Text,
+        cli::OutputFormat::Json => Look::Json,
+        cli::OutputFormat::Csv => {
+            let shown = |column: &Column| *column != Column::Bits || args.verbose;
+            Look::Csv(there.into_iter().filter(shown).collect())
+        }
+    })
 }
 
 /// What the user asks for and the encoder is not made for. He may know better, so he gets it.
@@ -239,6 +274,8 @@ const FIRST_SLOT_NS: u64 = 200_000;
 
 struct Run<'a> {
     args: &'a cli::Read,
+    preset: Option<&'static Preset>,
+    counting: Option<Counting>,
     protocol: &'a BissC,
     signals: Signals,
     printer: Rc<RefCell<Printer>>,
@@ -250,6 +287,8 @@ impl Run<'_> {
         let stop = self.signals.watch();
         let mut master = Master::new(link, self.protocol, self.args.retries);
         master.stop_when(&stop);
+        master.keep_distance(self.distance_ns());
+        self.printer.borrow_mut().header().map_err(writing)?;
         self.open(&mut master)?;
         let unix_us = unix_us() - i128::from(master.link().now_ns()) / 1000;
         self.printer.borrow_mut().epoch(unix_us);
@@ -285,14 +324,34 @@ impl Run<'_> {
         Ok(Ended { outcome, signal })
     }
 
+    /// Back to back is not closer than the encoder bears. An interval below that was asked for, and warned of.
+    fn distance_ns(&self) -> u64 {
+        let least = self.preset.and_then(|preset| preset.interval);
+        let asked = self.args.interval;
+        least
+            .filter(|least| asked.is_none_or(|asked| asked >= *least))
+            .map_or(0, |least| least.0)
+    }
+
     /// Learns the encoder, waits for one when asked to, and says how the link runs.
     fn open(&mut self, master: &mut Master) -> Result<()> {
         const BETWEEN_TRIES_NS: u64 = 10_000_000;
-        let patience = master.link().now_ns().saturating_add(self.args.wait.0);
+        let power_on = self.preset.and_then(|preset| preset.power_on);
+        let wait = self.args.wait.or(power_on).unwrap_or_default();
+        let patience = master.link().now_ns().saturating_add(wait.0);
+        let mut said = self.args.quiet;
         while !master.open()?
             && master.link().now_ns() < patience
             && self.signals.caught().is_none()
         {
+            if !said {
+                note(format_args!(
+                    "no good frame yet, waiting up to {wait} for one"
+                ));
+                said = true;
+            }
+            // Errors come back with the first record.
+            drop(self.printer.borrow_mut().flush());
             master.pause(BETWEEN_TRIES_NS)?;
         }
         if self.args.quiet || !master.link().caps().live {
@@ -309,6 +368,12 @@ impl Run<'_> {
             note(format_args!(
                 "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
             ));
+        } else if self.args.clock.is_none() {
+            // An asked one was warned of before.
+            let outside = self
+                .preset
+                .and_then(|preset| preset.clock_outside(clock.hz));
+            outside.iter().for_each(note);
         }
         if master.link().caps().times_levels && self.protocol.stall == Stall::Unknown {
             if clock.hz.period_ns() >= limits::LEVEL_MAX_NS {
@@ -381,13 +446,17 @@ impl Run<'_> {
                 summary.skipped += actual.saturating_sub(seq);
                 seq = seq.max(actual);
             }
+            let cycle = master.cycle();
+            let format = &self.protocol.format;
+            let counted = self.counting.as_mut();
             let shot = Shot {
-                format: &self.protocol.format,
-                cycle: master.cycle(),
+                format,
+                cycle,
                 trace: master.trace(),
                 t_ns: master.trace().t_ns,
                 seq,
                 tries: caps.live.then_some(tries),
+                counted: counted.map(|counting| counting.next(format, cycle)),
             };
             summary.count(&shot);
             let first = summary.span_ns.map_or(shot.t_ns, |(first, _)| first);

@@ -2,6 +2,8 @@
 #![allow(dead_code, unreachable_pub, clippy::print_stdout, clippy::unwrap_used)]
 
 use fastrand::Rng;
+use serde_json::Value;
+use std::process::{Command, Output};
 
 /// A generator whose seed is printed, and taken from BISS_TEST_SEED when a failure is to be repeated.
 pub fn rng() -> Rng {
@@ -92,4 +94,38 @@ pub fn crc(rng: &mut Rng) -> String {
 /// A random word of so many bits.
 pub fn word(rng: &mut Rng, bits: u8) -> u64 {
     rng.u64(..) >> (64 - u32::from(bits))
+}
+
+/// The program under test, without what the environment might say.
+pub fn biss(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_biss"));
+    command
+        .args(args)
+        .env_remove("BISS_LINK")
+        .env_remove("BISS_FRAME")
+        .env("LC_ALL", "C.UTF-8")
+        .env("NO_COLOR", "1");
+    command
+}
+
+/// Stdout, stderr and exit status.
+pub fn run(args: &str) -> (String, String, Option<i32>) {
+    let args: Vec<&str> = args.split(' ').collect();
+    texts(biss(&args).output().unwrap())
+}
+
+pub fn texts(output: Output) -> (String, String, Option<i32>) {
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (
+        text(output.stdout),
+        text(output.stderr),
+        output.status.code(),
+    )
+}
+
+/// One value a line.
+pub fn json(text: &str) -> Vec<Value> {
+    text.lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}")))
+        .collect()
 }

@@ -1,0 +1,105 @@
+//! `--unwrap`, `--zero` and `--reverse`: the user's own way of counting, beside what the encoder sends.
+
+use crate::cli;
+use crate::output::{Counted, note};
+use anyhow::{Result, bail};
+use biss::cycle::Cycle;
+use biss::format::Format;
+use biss::place::{Count, Counter, Number, Step, Zero};
+
+/// Counts every channel that has a position.
+pub(crate) struct Counting {
+    counters: Vec<Option<Counter>>,
+    counts: Vec<Option<i128>>,
+    unwrap: bool,
+    quiet: bool,
+    said_fast: bool,
+    said_unknown: bool,
+}
+
+impl Counting {
+    /// None where the user counts as the encoder does.
+    pub(crate) fn asked(args: &cli::Read, format: &Format) -> Result<Option<Counting>> {
+        let count = Count {
+            unwrap: args.unwrap,
+            zero: args.zero.unwrap_or(Zero::At(0)),
+            reverse: args.reverse,
+        };
+        let asked = [
+            ("--unwrap", args.unwrap),
+            ("--zero", args.zero.is_some()),
+            ("--reverse", args.reverse),
+        ];
+        let Some((option, _)) = asked.iter().find(|(_, set)| *set) else {
+            return Ok(None);
+        };
+        let numbers = || format.channels().iter().map(Number::of);
+        if numbers().all(|number| number.is_none()) {
+            bail!("{option} counts a position, and `{format}` has none\n  it would be stN or posN");
+        }
+        if let Some(Zero::At(zero)) = args.zero {
+            let places = numbers().enumerate();
+            let beyond = places.filter_map(|(ch, number)| Some((ch, number?.most())));
+            if let Some((ch, most)) = beyond.clone().find(|(_, most)| zero > *most) {
+                let channel = if format.channels().len() > 1 {
+                    format!("channel {ch}")
+                } else {
+                    "the encoder".into()
+                };
+                bail!(
+                    "--zero {zero} is never reached: {channel} counts from 0 to {most}\n  \
+                     --zero here takes the first good frame, whatever it is"
+                );
+            }
+        }
+        let counter = |channel| Counter::new(channel, count);
+        let counters: Vec<Option<Counter>> = format.channels().iter().map(counter).collect();
+        Ok(Some(Counting {
+            counts: vec![None; counters.len()],
+            counters,
+            unwrap: args.unwrap,
+            quiet: args.quiet,
+            said_fast: false,
+            said_unknown: false,
+        }))
+    }
+
+    /// The counts of a cycle. A word that is bad, or says itself that it is, has none and moves none.
+    pub(crate) fn next(&mut self, format: &Format, cycle: &Cycle) -> Counted<'_> {
+        self.counts.fill(None);
+        let words = cycle.words().iter();
+        for (index, (channel, word)) in format.channels().iter().zip(words).enumerate() {
+            let sound = word
+                .good()
+                .filter(|data| channel.error(*data) != Some(true));
+            if let (Some(data), Some(counter)) = (sound, &mut self.counters[index]) {
+                let (counts, step) = counter.next(data);
+                self.counts[index] = Some(counts);
+                self.warn(step);
+            }
+        }
+        Counted {
+            counts: &self.counts,
+            unwrapped: self.unwrap,
+        }
+    }
+
+    /// Once each.
+    fn warn(&mut self, step: Step) {
+        let (said, text) = match step {
+            Step::Clear => return,
+            Step::Fast => (
+                &mut self.said_fast,
+                "the position moved a quarter of its range or more between two frames: from half on --unwrap follows \
+                 it the wrong way, and cannot tell; a shorter -i helps",
+            ),
+            Step::Unknown => (
+                &mut self.said_unknown,
+                "the position moved half its range between two frames: which way cannot be told, --unwrap counts it up",
+            ),
+        };
+        if !std::mem::replace(said, true) && !self.quiet {
+            note(text);
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! Records as rows of columns: CSV, and the fields that were asked for.
+
+use super::{Place, Record, Scd, Time};
+use crate::cli::TimeStyle;
+use biss::ParseError;
+use biss::format::{Channel, Format, Kind};
+use std::io::{self, Write};
+
+/// A column, in the order of the keys in JSON.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Column {
+    Time(&'static str),
+    Seq,
+    Ch,
+    Ok,
+    Turn,
+    Pos,
+    Data(String),
+    Life,
+    Counts,
+    Degrees,
+    Error,
+    Warning,
+    Fault,
+    Detail,
+    Tries,
+    Ack,
+    DelayNs,
+    DelayClocks,
+    Cds,
+    Crc,
+    Unprotected,
+    Scd,
+    Bits,
+}
+
+/// What decides which columns there are.
+pub(crate) struct Shape<'a> {
+    pub(crate) format: &'a Format,
+    pub(crate) time: TimeStyle,
+    /// The user has a way of counting of his own.
+    pub(crate) counted: bool,
+    /// Not a recording.
+    pub(crate) live: bool,
+    /// Line delay is known in clocks.
+    pub(crate) delay_clk: bool,
+    /// Line delay is known in nanoseconds.
+    pub(crate) delay_ns: bool,
+}
+
+impl Column {
+    /// As in the header, and as in JSON.
+    pub(crate) fn name(&self) -> &str {
+        match self {
+            Column::Time(name) => name,
+            Column::Data(name) => name,
+            Column::Seq => "seq",
+            Column::Ch => "ch",
+            Column::Ok => "ok",
+            Column::Turn => "turn",
+            Column::Pos => "pos",
+            Column::Life => "lc",
+            Column::Counts => "counts",
+            Column::Degrees => "deg",
+            Column::Error => "error",
+            Column::Warning => "warning",
+            Column::Fault => "fault",
+            Column::Detail => "detail",
+            Column::Tries => "tries",
+            Column::Ack => "ack",
+            Column::DelayNs => "delay_ns",
+            Column::DelayClocks => "delay_clk",
+            Column::Cds => "cds",
+            Column::Crc => "crc",
+            Column::Unprotected => "unprotected",
+            Column::Scd => "scd",
+            Column::Bits => "bits",
+        }
+    }
+}
+
+/// Every column that a record of this shape can fill, known before the first one.
+pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
+    let channels = shape.format.channels();
+    let any = |want: &dyn Fn(&Channel) -> bool| channels.iter().any(want);
+    let has = |want: fn(&Kind) -> bool| any(&|channel| channel.find(want).is_some());
+    let time = match shape.time {
+        TimeStyle::Zero => Some("t_ns"),
+        TimeStyle::Delta => Some("dt_ns"),
+        TimeStyle::Unix => Some("t_unix_us"),
+        TimeStyle::None => None,
+    };
+    let mut names: Vec<Column> = Vec::new();
+    for field in channels.iter().flat_map(Channel::fields) {
+        if let Kind::Data(name) = field.kind() {
+            let column = Column::Data(name.clone());
+            if !names.contains(&column) {
+                names.push(column);
+            }
+        }
+    }
+    let place = has(|kind| matches!(kind, Kind::SingleTurn | Kind::Position));
+    let before = [
+        (Column::Time(time.unwrap_or_default()), time.is_some()),
+        (Column::Seq, true),
+        (Column::Ch, channels.len() > 1),
+        (Column::Ok, true),
+        (Column::Turn, has(|kind| *kind == Kind::Turn)),
+        (Column::Pos, place),
+    ];
+    let after = [
+        (Column::Life, has(|kind| *kind == Kind::Life)),
+        (Column::Counts, place && shape.counted),
+        (Column::Degrees, has(|kind| *kind == Kind::SingleTurn)),
+        (Column::Error, any(&|channel| channel.error(0).is_some())),
+        (
+            Column::Warning,
+            any(&|channel| channel.warning(0).is_some()),
+        ),
+        (Column::Fault, true),
+        (Column::Detail, true),
+        (Column::Tries, shape.live),
+        (Column::Ack, true),
+        (Column::DelayNs, shape.delay_ns),
+        (Column::DelayClocks, shape.delay_clk),
+        (Column::Cds, true),
+        (Column::Crc, any(&|channel| channel.crc().is_some())),
+        (Column::Unprotected, any(&|channel| channel.crc().is_none())),
+        (Column::Scd, true),
+        (Column::Bits, true),
+    ];
+    let there = |list: Vec<(Column, bool)>| {
+        let there = list.into_iter().filter(|(_, there)| *there);
+        there.map(|(column, _)| column).collect::<Vec<_>>()
+    };
+    [there(before.into()), names, there(after.into())].concat()
+}
+
+/// The columns of `list`, comma-separated names, out of those that are there.
+pub(crate) fn choose(list: &str, there: &[Column]) -> Result<Vec<Column>, ParseError> {
+    const ELSEWHERE: [&str; 14] = [
+        "t_ns",
+        "dt_ns",
+        "t_unix_us",
+        "ch",
+        "turn",
+        "pos",
+        "lc",
+        "counts",
+        "deg",
+        "error",
+        "warning",
+        "tries",
+        "delay_ns",
+        "delay_clk",
+    ];
+    let good = |column: &&Column| !matches!(column, Column::Fault | Column::Detail);
+    let mut chosen = Vec::new();
+    let mut at = 0;
+    for name in list.split(',') {
+        let found = there.iter().filter(good).find(|c| c.name() == name);
+        let Some(column) = found else {
+            let what = match name {
+                "" => "a name is missing".into(),
+                "fault" | "detail" => {
+                    format!("good records have no `{name}`, and only they are printed")
+                }
+                name if ELSEWHERE.contains(&name) || ["crc", "unprotected"].contains(&name) => {
+                    format!("no `{name}` in records of this frame, link and options")
+                }
+                name => format!("no record has a `{name}`"),
+            };
+            let names: Vec<&str> = there.iter().filter(good).map(Column::name).collect();
+            let hint = format!("there are {}", names.join(" "));
+            return Err(ParseError::new(list, at..at + name.len(), what, hint));
+        };
+        chosen.push(column.clone());
+        at += name.len() + 1;
+    }
+    Ok(chosen)
+}
+
+impl Record<'_> {
+    /// One value a column, nothing where it does not apply.
+    pub(super) fn row(&self, columns: &[Column], between: u8, out: &mut Vec<u8>) -> io::Result<()> {
+        for (index, column) in columns.iter().enumerate() {
+            if index > 0 {
+                out.push(between);
+            }
+            self.put(column, out)?;
+        }
+        Ok(())
+    }
+
+    fn put(&self, column: &Column, out: &mut Vec<u8>) -> io::Result<()> {
+        let good = self.good();
+        let error = good.as_ref().and_then(|good| good.channel.error(good.data));
+        let field = |out: &mut Vec<u8>, want: &dyn Fn(&Kind) -> bool| {
+            let value = good
+                .as_ref()
+                .and_then(|good| Some(good.channel.find(want)?.get(good.data)));
+            write(out, value)
+        };
+        match column {
+            Column::Time(_) => match self.time {
+                Time::Zero(ns) | Time::Delta(ns) => write!(out, "{ns}"),
+                Time::Unix(us) => write!(out, "{us}"),
+                Time::None => Ok(()),
+            },
+            Column::Seq => write!(out, "{}", self.shot.seq),
+            Column::Ch => match self.ch {
+                Some(Place { index, shown: true }) => write!(out, "{index}"),
+                _ => Ok(()),
+            },
+            Column::Ok => write!(out, "{}", good.is_some() && error != Some(true)),
+            Column::Turn => field(out, &|kind| *kind == Kind::Turn),
+            Column::Pos => field(out, &|kind| {
+                matches!(kind, Kind::SingleTurn | Kind::Position)
+            }),
+            Column::Data(name) => field(out, &|kind| matches!(kind, Kind::Data(n) if n == name)),
+            Column::Life => field(out, &|kind| *kind == Kind::Life),
+            Column::Counts => write(out, good.and_then(|good| good.counts)),
+            Column::Degrees => match good.and_then(|good| good.degrees()) {
+                Some((degrees, digits)) => write!(out, "{degrees:.digits$}"),
+                None => Ok(()),
+            },
+            Column::Error => write(out, error),
+            Column::Warning => write(out, good.and_then(|good| good.channel.warning(good.data))),
+            _ => self.put_rest(column, out),
+        }
+    }
+
+    /// What does not depend on a good word.
+    fn put_rest(&self, column: &Column, out: &mut Vec<u8>) -> io::Result<()> {
+        let head = self.shot.cycle.head();
+        let word = self.channel();
+        let fault = self.fault();
+        match column {
+            Column::Fault => write(out, fault.map(|fault| fault.name())),
+            Column::Detail => {
+                let numbers = fault.iter().flat_map(biss::cycle::Fault::numbers);
+                for (index, (name, number)) in numbers.enumerate() {
+                    let space = if index > 0 { " " } else { "" };
+                    write!(out, "{space}{name}={number}")?;
+                }
+                Ok(())
+            }
+            Column::Tries => write(out, self.shot.tries),
+            Column::Ack => write(out, head.map(|head| head.ack)),
+            Column::DelayNs => write(out, self.shot.trace.delay_ns),
+            Column::DelayClocks => {
+                let clocks = head.filter(|_| self.shot.trace.delay_ns.is_none());
+                write(out, clocks.map(|head| head.delay_clk))
+            }
+            Column::Cds => write(out, head.map(|head| u8::from(head.cds))),
+            Column::Crc => {
+                let protected = word.filter(|(channel, _)| channel.crc().is_some());
+                write(out, protected.map(|(_, word)| word.raw().1))
+            }
+            Column::Unprotected => {
+                let bare = word.filter(|(channel, _)| channel.crc().is_none());
+                write(out, bare.map(|_| true))
+            }
+            Column::Scd => write(out, word.map(|(channel, word)| Scd(channel, word))),
+            _ => write!(out, "{}", self.shot.trace.bits),
+        }
+    }
+}
+
+fn write(out: &mut Vec<u8>, value: Option<impl std::fmt::Display>) -> io::Result<()> {
+    match value {
+        Some(value) => write!(out, "{value}"),
+        None => Ok(()),
+    }
+}

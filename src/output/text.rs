@@ -1,0 +1,94 @@
+//! Records for people.
+
+use super::{Good, Place, Record, Time};
+use anstyle::{AnsiColor, Style};
+use biss::format::Kind;
+use std::fmt::Display;
+use std::io::{self, Write};
+
+impl Record<'_> {
+    pub(super) fn text(&self, out: &mut Vec<u8>, color: bool, degree: &str) -> io::Result<()> {
+        match self.time {
+            Time::Zero(ns) | Time::Delta(ns) => write!(
+                out,
+                "{:3}.{:06}",
+                ns / 1_000_000_000,
+                ns % 1_000_000_000 / 1000
+            )?,
+            Time::Unix(us) => write!(out, "{}.{:06}", us / 1_000_000, us % 1_000_000)?,
+            Time::None => {}
+        }
+        if let Some(Place { index, shown: true }) = self.ch {
+            separate(out);
+            write!(out, "ch {index}")?;
+        }
+        if let Some(good) = self.good() {
+            good.text(out, color, degree)?;
+        } else if let Some(fault) = self.fault() {
+            separate(out);
+            paint(out, color, AnsiColor::Red, format_args!("fault {fault}"))?;
+        }
+        if let Some(tries) = self.shot.tries.filter(|tries| *tries > 1) {
+            write!(out, "  ({tries} tries)")?;
+        }
+        if self.verbose {
+            separate(out);
+            write!(out, "{}", self.shot.trace.bits)?;
+        }
+        Ok(())
+    }
+}
+
+fn separate(out: &mut Vec<u8>) {
+    if !out.is_empty() {
+        out.extend(b"  ");
+    }
+}
+
+fn paint(out: &mut Vec<u8>, color: bool, shade: AnsiColor, text: impl Display) -> io::Result<()> {
+    if color {
+        let style = Style::new().fg_color(Some(shade.into()));
+        write!(out, "{style}{text}{style:#}")
+    } else {
+        write!(out, "{text}")
+    }
+}
+
+impl Good<'_> {
+    fn text(&self, out: &mut Vec<u8>, color: bool, degree: &str) -> io::Result<()> {
+        for field in self.channel.fields() {
+            let value = field.get(self.data);
+            let name = match field.kind() {
+                Kind::Turn => "turn",
+                Kind::SingleTurn | Kind::Position => "pos",
+                Kind::Data(name) => name,
+                Kind::Life => "lc",
+                Kind::Padding | Kind::Error { .. } | Kind::Warning { .. } => continue,
+            };
+            separate(out);
+            write!(out, "{name} {value}")?;
+        }
+        if let Some(counts) = self.counts {
+            separate(out);
+            write!(out, "counts {counts}")?;
+        }
+        if let Some((degrees, digits)) = self.degrees() {
+            separate(out);
+            write!(out, "{degrees:.digits$}{degree}")?;
+        }
+        separate(out);
+        match (
+            self.channel.error(self.data),
+            self.channel.warning(self.data),
+        ) {
+            (Some(true), Some(true)) => paint(out, color, AnsiColor::Red, "error warning")?,
+            (Some(true), _) => paint(out, color, AnsiColor::Red, "error")?,
+            (_, Some(true)) => paint(out, color, AnsiColor::Yellow, "warning")?,
+            _ => paint(out, color, AnsiColor::Green, "ok")?,
+        }
+        if self.channel.crc().is_none() {
+            out.extend(b"  unprotected");
+        }
+        Ok(())
+    }
+}
