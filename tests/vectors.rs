@@ -4,6 +4,7 @@
 use biss::Format;
 use biss::cycle::{Cycle, Head};
 use biss::frame::{BissC, emit};
+use biss::preset::Frame;
 use biss::protocol::Protocol;
 use biss::trace::{Bits, Trace};
 
@@ -147,6 +148,28 @@ fn decode() {
         let crc: Vec<_> = cycle.words().iter().map(|word| word.raw().1).collect();
         assert_eq!(crc, vector.crc, "{}", vector.source);
     }
+}
+
+/// The published frames of encoders that have a preset, read through its name.
+#[test]
+fn presets_decode_what_is_published() {
+    let mut seen = 0;
+    for (name, source) in [
+        ("resolute-18", "RESOLUTE 18 bit"),
+        ("resolute-26", "RESOLUTE 26 bit"),
+        ("resolute-32", "RESOLUTE 32 bit"),
+        ("resolute-32", "PandABlocks-FPGA biss0.prn"),
+    ] {
+        let frame: Frame = name.parse().unwrap();
+        let protocol = BissC::new(frame.format);
+        for vector in VECTORS.iter().filter(|v| v.source.starts_with(source)) {
+            let mut cycle = Cycle::default();
+            protocol.decode(&trace(vector.slo), &mut cycle);
+            assert_eq!(cycle.words()[0].good(), Some(vector.data[0]), "{name}");
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, 4);
 }
 
 #[test]
