@@ -133,7 +133,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__read)
-            opts="-f -c -n -i -o -t -q -v -h --frame --clock --count --interval --format --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help file: gpio: sim spi: wave:"
+            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help file: gpio: sim spi: wave:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -196,11 +196,32 @@ _biss() {
                     return 0
                     ;;
                 --format)
-                    COMPREPLY=($(compgen -W "text json" -- "${cur}"))
+                    COMPREPLY=($(compgen -W "text json csv" -- "${cur}"))
                     return 0
                     ;;
                 -o)
-                    COMPREPLY=($(compgen -W "text json" -- "${cur}"))
+                    COMPREPLY=($(compgen -W "text json csv" -- "${cur}"))
+                    return 0
+                    ;;
+                --fields)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                -F)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --zero)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
                     return 0
                     ;;
                 --time)

@@ -29,12 +29,15 @@ complete -c biss -n "__fish_biss_needs_command" -s V -l version -d 'Print versio
 complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
 complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
-complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
-json\t'JSON Lines'"
+json\t'JSON Lines'
+csv\t'Comma-separated values, a header first'"
+complete -c biss -n "__fish_biss_using_subcommand read" -s F -l fields -d 'Tab-separated values of good records only: LIST is keys of the JSON records, such as t_ns,pos,deg' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l zero -d 'What counts as 0, as the encoder sends it, or the first good frame: adds counts' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s t -l time -d 'Time stamps' -r -f -a "zero\t'Since the first frame'
 delta\t'Since the frame before'
 unix\t'Since 1970'
@@ -43,12 +46,14 @@ complete -c biss -n "__fish_biss_using_subcommand read" -l timeout -d 'The slave
 complete -c biss -n "__fish_biss_using_subcommand read" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l wait -d 'How long to wait for a first good frame' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l color -d 'Colours in text output' -r -f -a "auto\t'On a terminal, unless NO_COLOR is set'
 always\t'Always'
 never\t'Never'"
+complete -c biss -n "__fish_biss_using_subcommand read" -l unwrap -d 'Count on where the position rolls over, less than half its range a frame: adds counts'
+complete -c biss -n "__fish_biss_using_subcommand read" -l reverse -d 'Count against the encoder\'s direction: adds counts'
 complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No summary and no notes on stderr'
 complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs; add bits to records'
 complete -c biss -n "__fish_biss_using_subcommand read" -s h -l help -d 'Print help (see more with \'--help\')'

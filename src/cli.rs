@@ -49,7 +49,9 @@ Links:
 
 Frame format, in wire order after CDS, channels joined by +:
   mtN stN posN padN dataN[=NAME] lcN  nE nW (active low)  E W  crcN[:POLY[:init=X][:plain]]
-  or a preset, such as resolute-26, with the encoder's own limits; biss list shows them all
+
+Presets, in the place of a format, bring the encoder's own limits along:
+  resolute-26, lenz-irs, siko-msa213c and more: biss list shows them
 
 Exit status:
   0  every frame asked for was good and without error bit

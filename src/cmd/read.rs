@@ -156,7 +156,11 @@ fn warn_outside(args: &cli::Read, preset: &Preset) {
 
 /// What the user has not said, the preset may.
 fn fill_in(args: &mut cli::Read, preset: &Preset) {
-    if matches!(args.link.kind, Kind::Spi { .. } | Kind::Sim { .. }) {
+    let kind = &args.link.kind;
+    if matches!(
+        kind,
+        Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. }
+    ) {
         args.clock
             .get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
     }
