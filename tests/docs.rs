@@ -404,6 +404,9 @@ fn check_hardware(command: &str, verbs: &[Verb]) -> Result<bool, String> {
     }
     let mut rest = words[at + 1..].iter();
     let name = rest.next().ok_or("no verb")?;
+    if ["-h", "--help", "-V", "--version"].contains(&name.as_str()) {
+        return Ok(false);
+    }
     let verb = verbs.iter().find(|verb| verb.name == *name);
     let help = &verb.ok_or(format!("biss has no verb `{name}`"))?.help;
     let mut link = variable("BISS_LINK=").map(str::to_owned);
@@ -639,6 +642,7 @@ fn the_checks_refuse() {
         ("biss list spi:0.0", false),
         ("biss list -f st26", false),
         ("biss detect spi:0.0", false),
+        ("biss --quiet", false),
         ("biss", false),
     ] {
         let checked = check_hardware(command, &verbs);

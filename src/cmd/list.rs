@@ -635,6 +635,7 @@ mod tests {
             ("dev/spidev0.1", ""),
             ("dev/spidev0.0", ""),
             ("dev/spidev10.0", ""),
+            ("dev/spidev1.0", ""),
             ("dev/spidev0.x", ""),
             ("sys/module/spidev/parameters/bufsiz", "4096\n"),
             ("sys/module/spidev/initstate", "live\n"),
@@ -654,6 +655,10 @@ mod tests {
                 "sys/class/spi_master/spi0/device/driver",
                 "../../../bus/platform/drivers/spi-bcm2835",
             ),
+            (
+                "sys/class/spi_master/spi1/device/driver",
+                "../../../bus/platform/drivers/spi-bcm2835aux",
+            ),
         ])
     }
 
@@ -671,9 +676,10 @@ GPIO
     1 line is free, -v shows it
 
 SPI
-  spi:0.0   wave:0.0   spi-bcm2835, may be used
-  spi:0.1   wave:0.1   spi-bcm2835, may be used
-  spi:10.0  wave:10.0  may be used
+  spi:0.0          wave:0.0   spi-bcm2835, may be used
+  spi:0.1          wave:0.1   spi-bcm2835, may be used
+  spi:1.0,phase=2  wave:1.0   spi-bcm2835aux, may be used
+  spi:10.0         wave:10.0  may be used
 
 Settings
   spidev.bufsiz         4096      bytes in one transfer at most

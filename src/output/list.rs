@@ -163,8 +163,11 @@ impl Spidev {
         driver: Option<String>,
         refused: Option<Access<Empty>>,
     ) -> Spidev {
+        // Without CPHA there is no mode 3 (drivers/spi/spi-bcm2835aux.c, mode_bits).
+        let half = driver.as_deref() == Some("spi-bcm2835aux");
+        let phase = if half { ",phase=2" } else { "" };
         Spidev {
-            link: format!("spi:{bus}.{cs}"),
+            link: format!("spi:{bus}.{cs}{phase}"),
             wave: format!("wave:{bus}.{cs}"),
             path,
             driver,
@@ -334,15 +337,10 @@ impl Text<'_> {
     }
 
     fn spidev(&self, f: &mut fmt::Formatter<'_>, spidev: &Spidev) -> fmt::Result {
-        let links = self.report.spidevs.iter().map(|spidev| spidev.link.len());
-        let width = links.max().unwrap_or_default();
-        write!(f, "  {:width$}  ", spidev.link)?;
-        write!(
-            f,
-            "{:1$}  ",
-            spidev.wave,
-            width + "wave".len() - "spi".len()
-        )?;
+        let widest = |of: fn(&Spidev) -> usize| self.report.spidevs.iter().map(of).max();
+        let link = widest(|spidev| spidev.link.len()).unwrap_or_default();
+        let wave = widest(|spidev| spidev.wave.len()).unwrap_or_default();
+        write!(f, "  {:link$}  {:wave$}  ", spidev.link, spidev.wave)?;
         if let Some(driver) = &spidev.driver {
             write!(f, "{}, ", Clean(driver))?;
         }
