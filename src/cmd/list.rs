@@ -455,14 +455,15 @@ impl Machine<'_> {
 
     fn memory(&self) -> Option<Setting> {
         const CAP_IPC_LOCK: u32 = 14;
+        /// For what this process has not asked for yet; `read` is not much larger than `list`.
+        const MORE_KIB: u64 = 2048;
         let limit = self.limit("Max locked memory")?;
-        // As large as this process is now, and as much again for what it has not asked for yet.
         let status = self.read("/proc/self/status")?;
         let size = status
             .lines()
             .find_map(|line| line.strip_prefix("VmSize:"))?;
         let size_kib: u64 = size.split_whitespace().next()?.parse().ok()?;
-        let want_mib = (2 * size_kib).div_ceil(1024);
+        let want_mib = (size_kib + MORE_KIB).div_ceil(1024);
         let limit_mib = limit.parse::<u64>().ok().map(|bytes| bytes >> 20);
         let limit_mib = limit_mib.filter(|_| !self.capable(CAP_IPC_LOCK));
         let fix = limit_mib
@@ -471,7 +472,7 @@ impl Machine<'_> {
         Some(Setting {
             name: "memlock",
             value: limit_mib.map_or("unlimited".into(), |mib| format!("{mib} MiB")),
-            means: format!("memory that --rt may lock; it wants up to {want_mib} MiB"),
+            means: format!("memory that --rt may lock; it wants {want_mib} MiB"),
             fix,
         })
     }
@@ -687,8 +688,7 @@ Settings
   persist_gpio_outputs  Y         MA stays high after biss has ended
   rtprio                0         --rt is refused
     fix: allow it in /etc/security/limits.conf: docs/setup.md
-  memlock               8 MiB     memory that --rt may lock; it wants up to 10 MiB
-    fix: allow it in /etc/security/limits.conf: docs/setup.md
+  memlock               8 MiB     memory that --rt may lock; it wants 7 MiB
   sched_rt_runtime_us   950000    --rt pauses up to 50 ms in every 1000 ms for other programs
   governor              ondemand  the processor's clock changes, and gpio's timing with it
     fix: echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor
@@ -865,19 +865,19 @@ Nothing to connect an encoder to; `biss read sim` needs none.
         };
         assert_eq!(
             values(&[LIMITS, STATUS]),
-            ["rtprio 0 true", "memlock 8 MiB true"]
+            ["rtprio 0 true", "memlock 8 MiB false"]
         );
         assert_eq!(
             values(&[LIMITS, all]),
             ["rtprio 99 false", "memlock unlimited false"]
         );
-        let ample = (
+        let tight = (
             "proc/self/limits",
-            "Max locked memory  67108864  67108864  bytes\nMax realtime priority  50  99\n",
+            "Max locked memory  4194304  67108864  bytes\nMax realtime priority  50  99\n",
         );
         assert_eq!(
-            values(&[ample, STATUS]),
-            ["rtprio 50 false", "memlock 64 MiB false"]
+            values(&[tight, STATUS]),
+            ["rtprio 50 false", "memlock 4 MiB true"]
         );
     }
 
