@@ -28,6 +28,7 @@ complete -c biss -n "__fish_biss_needs_command" -s h -l help -d 'Print help'
 complete -c biss -n "__fish_biss_needs_command" -s V -l version -d 'Print version'
 complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_needs_command" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
 complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
@@ -61,10 +62,20 @@ complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How i
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, not only those in use; JSON has all of them anyway'
 complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list help" -f -a "read" -d 'Read frames and print them, one record a line'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
-complete -c biss -n "__fish_biss_using_subcommand read" -a "file:\t'VCD recording, - for standard input'
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s c -l clock -d 'The only frequency of MA to try' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s n -l count -d 'Frames, or on wave transfers, at each clock [default: 1000 in process, 100 over lines, 8 on wave]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s q -l quiet -d 'No summary on stderr'
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand read loopback" -a "file:\t'VCD recording, - for standard input'
 gpio:\t'two GPIO lines'
 sim\t'simulated encoder'
 spi:\t'spidev: SCLK is MA, MISO is SLO'

@@ -23,7 +23,8 @@ Examples:
   biss read spi:0.0 -f st26,nE,nW,crc6 -c 2MHz                 SCLK is MA, MISO is SLO
   biss read gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 0 -i 1ms  two GPIO lines, every millisecond
   biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording
-  biss list                                                    what this machine has for an encoder";
+  biss list                                                    what this machine has for an encoder
+  biss loopback                                                the whole program against itself, no hardware";
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
@@ -34,6 +35,10 @@ pub(crate) enum Command {
     /// What this machine offers, what is missing, and what helps
     #[command(after_help = LIST_HELP)]
     List(List),
+
+    /// The master against a slave of its own: in process, or over jumpered pins
+    #[command(after_help = LOOPBACK_HELP)]
+    Loopback(Box<Loopback>),
 }
 
 const READ_HELP: &str = "\
@@ -149,6 +154,55 @@ pub(crate) struct Read {
     /// Colours in text output
     #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
     pub(crate) color: ColorWhen,
+}
+
+const LOOPBACK_HELP: &str = "\
+Links:
+  none, or sim[:KEY=VAL,…]    in process: every link's way to clock, against the simulated slave
+  gpio:CHIP,ma=LINE,slo=LINE,ma-in=LINE,slo-out=LINE[,uapi=v1|v2]
+                              jumpers from MA to ma-in and from slo-out to SLO; the slave is a thread.
+                              Finds the fastest clock that works
+  wave:BUS.CS                 a jumper from MOSI to MISO: every bit must come back. Measures SCLK
+
+Disconnect the encoder first: pins are driven that it drives too.
+
+Exit status:
+  0  everything came back as it was sent
+  1  it did not; what is wrong is on stdout
+  2  usage or machine";
+
+#[derive(Debug, Args)]
+pub(crate) struct Loopback {
+    /// Where the jumpers are [default: none, in process]
+    pub(crate) link: Option<Spec>,
+
+    /// Frame format of the slave, or a preset
+    #[arg(short, long, value_name = "FORMAT")]
+    pub(crate) frame: Option<Frame>,
+
+    /// The only frequency of MA to try
+    #[arg(short, long, value_name = "FREQ")]
+    pub(crate) clock: Option<Hertz>,
+
+    /// Frames, or on wave transfers, at each clock [default: 1000 in process, 100 over lines, 8 on wave]
+    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) count: Option<u64>,
+
+    /// How it is told
+    #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]
+    pub(crate) format: ReportFormat,
+
+    /// Real-time priority (SCHED_FIFO), memory locked
+    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
+    pub(crate) rt: Option<u8>,
+
+    /// Run on this processor only
+    #[arg(long, value_name = "N")]
+    pub(crate) cpu: Option<usize>,
+
+    /// No summary on stderr
+    #[arg(short, long)]
+    pub(crate) quiet: bool,
 }
 
 const LIST_HELP: &str = "\

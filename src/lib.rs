@@ -44,6 +44,7 @@ pub mod format;
 pub mod frame;
 pub mod limits;
 pub mod link;
+pub mod loopback;
 pub mod master;
 pub mod parse;
 pub mod pattern;

@@ -13,7 +13,9 @@ pub use spec::{Kind, Spec};
 
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
+use std::cell::RefCell;
 use std::fmt;
+use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 /// What a link can do.
@@ -199,20 +201,72 @@ pub trait Link {
     }
 }
 
+/// One link, looked at from two sides.
+impl<L: Link> Link for Rc<RefCell<L>> {
+    fn caps(&self) -> Caps {
+        self.borrow().caps()
+    }
+    fn now_ns(&self) -> u64 {
+        self.borrow().now_ns()
+    }
+    fn clock(&self) -> Clock {
+        self.borrow().clock()
+    }
+    fn set_clock(&mut self, hz: Hertz) -> Result<Clock, Error> {
+        self.borrow_mut().set_clock(hz)
+    }
+    fn measure_clock(&mut self) -> Result<Clock, Error> {
+        self.borrow_mut().measure_clock()
+    }
+    fn set_phase(&mut self, phase: Phase) -> Result<(), Error> {
+        self.borrow_mut().set_phase(phase)
+    }
+    fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {
+        self.borrow_mut().idle(ns)
+    }
+    fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
+        self.borrow_mut().cycles(asks, out)
+    }
+    fn notes(&self) -> Vec<String> {
+        self.borrow().notes()
+    }
+}
+
 /// The monotonic clock of hardware links.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Monotonic(Instant);
+pub(crate) struct Monotonic {
+    start: Instant,
+    /// Another thread of ours waits for this processor too.
+    shared: bool,
+}
 
 /// A sleep ends late by some tens of microseconds: the rest is spun.
 const SPIN_NS: u64 = 200_000;
 
 impl Monotonic {
     pub(crate) fn start() -> Monotonic {
-        Monotonic(Instant::now())
+        Monotonic {
+            start: Instant::now(),
+            shared: false,
+        }
     }
 
     pub(crate) fn now_ns(self) -> u64 {
-        self.0.elapsed().as_nanos() as u64
+        self.start.elapsed().as_nanos() as u64
+    }
+
+    /// Lets another thread run while waiting, where there is one processor for both.
+    pub(crate) fn share(&mut self) {
+        self.shared = std::thread::available_parallelism().is_ok_and(|n| n.get() == 1);
+    }
+
+    /// Gives the processor away if it is shared.
+    pub(crate) fn yields(self) {
+        if self.shared {
+            std::thread::yield_now();
+        } else {
+            std::hint::spin_loop();
+        }
     }
 
     /// Waits until `ns`, and not at all when that has passed.
@@ -222,7 +276,7 @@ impl Monotonic {
             std::thread::sleep(Duration::from_nanos(left - SPIN_NS));
         }
         while self.now_ns() < ns {
-            std::hint::spin_loop();
+            self.yields();
         }
     }
 }

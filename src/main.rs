@@ -39,6 +39,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
     let result = match cli.command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
         cli::Command::List(args) => cmd::list::run(args),
+        cli::Command::Loopback(args) => cmd::loopback::run(*args),
     };
     match result {
         Ok(ended) => {

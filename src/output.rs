@@ -3,6 +3,7 @@
 mod columns;
 mod json;
 pub(crate) mod list;
+pub(crate) mod loopback;
 mod summary;
 mod text;
 

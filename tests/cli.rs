@@ -758,3 +758,57 @@ fn list_says_when_it_cannot_write() {
         "a broken pipe is quiet"
     );
 }
+
+#[test]
+fn a_loopback_in_process_needs_no_hardware() {
+    let (stdout, stderr, status) = run("loopback -n 50");
+    assert_eq!(status, Some(0), "{stderr}");
+    assert_eq!(stdout.lines().count(), 8);
+    assert!(
+        stdout
+            .lines()
+            .all(|line| line.contains("50 of 50 frames as sent")),
+        "{stdout}"
+    );
+    assert!(stderr.starts_with("biss: every position"), "{stderr}");
+
+    let (stdout, stderr, status) = run("loopback sim:stuck=1 -c 1MHz -o json -q");
+    assert_eq!((status, stderr.as_str()), (Some(1), ""));
+    for step in json(&stdout) {
+        assert_eq!(step["ok"], false);
+        // Nothing works, so nobody waits for all of them.
+        assert_eq!(step["frames"], 8);
+        assert_eq!(step["faults"]["no-ack"], 8);
+    }
+
+    let (stdout, _, status) = run("loopback sim:crc-error=50%,seed=9 -n 200 -o json -q");
+    assert_eq!(status, Some(1));
+    for step in json(&stdout) {
+        let (good, bad) = (step["as_sent"].as_u64(), step["faults"]["crc"].as_u64());
+        assert_eq!(good.unwrap() + bad.unwrap(), 200, "{step}");
+        assert_eq!(step["wrong"], 0);
+    }
+}
+
+#[test]
+fn a_loopback_says_what_it_needs() {
+    for (args, words) in [
+        ("loopback spi:0.0", "biss loopback wave:0.0"),
+        ("loopback file:x.vcd", "needs no hardware"),
+        ("loopback gpio:0,ma=17,slo=27", "ma-in=22,slo-out=23"),
+        ("loopback gpio:0,ma=17,slo=27,ma-in=22", "slo-out=LINE"),
+        ("loopback -n 0", "1.."),
+        (
+            "read gpio:0,ma=17,slo=27,ma-in=22,slo-out=23 -f st8",
+            "far ends of jumpers",
+        ),
+        (
+            "read wave:0.0,idle=low -f st8 --timeout adaptive",
+            "MA rests low",
+        ),
+    ] {
+        let (stdout, stderr, status) = run(args);
+        assert_eq!((stdout.as_str(), status), ("", Some(2)), "{args}");
+        assert!(stderr.contains(words), "{args}: {stderr}");
+    }
+}

@@ -1,7 +1,7 @@
 //! `biss read`: frames, one after the other or one a slot.
 
 use super::counting::Counting;
-use super::{Ended, Outcome};
+use super::{Ended, Outcome, schedule};
 use crate::cli;
 use crate::output::{Column, Look, Printer, Shape, Shot, Summary, choose, columns, note};
 use crate::sys::{self, Signals};
@@ -32,7 +32,7 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         warn_outside(&args, preset);
         fill_in(&mut args, preset);
     }
-    schedule(&args)?;
+    schedule(args.cpu, args.rt)?;
     let signals = Signals::catch().map_err(|e| {
         anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
     })?;
@@ -49,24 +49,6 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         printer,
     }
     .all(link.as_mut())
-}
-
-fn schedule(args: &cli::Read) -> Result<()> {
-    if let Some(cpu) = args.cpu {
-        let said = |e| {
-            anyhow!(
-                "running on processor {cpu} only: {e}\n  `nproc` says how many there are, counted from 0"
-            )
-        };
-        sys::pin_to_cpu(cpu).map_err(said)?;
-    }
-    if let Some(priority) = args.rt {
-        let hint =
-            format!("run as root, or allow it: `ulimit -r {priority}` and `ulimit -l unlimited`");
-        let said = |e| anyhow!("asking for real-time priority {priority}: {e}\n  {hint}");
-        sys::real_time(priority).map_err(said)?;
-    }
-    Ok(())
 }
 
 /// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
@@ -181,7 +163,13 @@ fn open(
             slo,
             mo,
             uapi,
+            far,
         } => {
+            if far.is_some() {
+                bail!(
+                    "ma-in= and slo-out= are the far ends of jumpers, where `biss loopback` puts a slave of its own\n  leave them out to read an encoder"
+                );
+            }
             let mut link = link::gpio::open(chip.as_deref(), ma, slo, mo.as_deref(), *uapi)?;
             if let Some(clock) = args.clock {
                 link.set_clock(clock)?;

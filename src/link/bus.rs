@@ -1,6 +1,6 @@
 //! What every link on an SPI bus shares: the spidev itself, its errors, and its clock as it really runs.
 
-use super::{Error, Monotonic};
+use super::{Clock, Error, Known, Monotonic};
 use crate::unit::Hertz;
 use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 use std::io;
@@ -81,6 +81,15 @@ impl SpiBus {
             let doing = format!("setting SPI mode {}", mode.bits() & 3);
             self.failed(&doing, e, hint)
         })
+    }
+
+    /// Mode 0, in which every controller shifts MOSI out and MISO in.
+    ///
+    /// # Errors
+    /// When the controller does not have it.
+    pub fn patterns(&mut self) -> Result<(), Error> {
+        let hint = "the controller must offer SPI mode 0 and 8-bit words";
+        self.configure(SpiModeFlags::SPI_MODE_0, hint)
     }
 
     fn failed(&self, doing: &str, error: io::Error, hint: &str) -> Error {
@@ -175,6 +184,36 @@ pub(crate) fn measure(
     // Faster than asked for cannot be.
     let asked = u64::from(asked.0);
     Ok((hz <= asked + asked / 20).then_some(Hertz(hz.max(1) as u32)))
+}
+
+/// From here on a bcm2835 leaves a transfer to DMA, without a gap after each byte (Linux, spi-bcm2835.c:
+/// BCM2835_SPI_DMA_MIN_LENGTH).
+pub(crate) const DMA_BYTES: usize = 96;
+
+/// SCLK as it is when `asked` is asked for, measured on transfers that differ by about half a millisecond. `took` sends so
+/// many bytes, at most `max_bytes`, and returns how long that took.
+///
+/// # Errors
+/// When a transfer fails.
+pub fn sclk(
+    asked: Hertz,
+    max_bytes: usize,
+    took: impl FnMut(usize) -> Result<u64, Error>,
+) -> Result<Clock, Error> {
+    const SPAN_NS: u64 = 500_000;
+    let span = (u64::from(asked.0) * SPAN_NS / 8_000_000_000) as usize;
+    let short = if span < DMA_BYTES { 8 } else { DMA_BYTES };
+    let long = short + span.clamp(32, max_bytes.saturating_sub(short).max(32));
+    Ok(match measure(asked, 3, [short, long], took)? {
+        Some(hz) => Clock {
+            hz,
+            known: Known::Measured,
+        },
+        None => Clock {
+            hz: asked,
+            known: Known::Asked,
+        },
+    })
 }
 
 fn open_hint(error: &io::Error) -> String {

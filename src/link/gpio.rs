@@ -3,6 +3,7 @@
 //! Each line is a request of its own: a v1 request has one direction, and a single line needs no allocation.
 
 mod lines;
+mod serve;
 mod v1;
 mod v2;
 
@@ -10,6 +11,8 @@ pub use lines::{
     ChipInfo, Chips, Line, LineInfo, Place, Pull, all_chips, among, chips, choose, find, has,
     lines, uapi,
 };
+
+pub use serve::Served;
 
 use super::bitbang::{Bang, Pins};
 use super::{Error, Monotonic, Uapi};
@@ -50,21 +53,14 @@ pub fn open(
     let slo = slo.input("SLO")?;
     let mo = mo.map(|mo| mo.output("MO", true)).transpose()?;
     let ma = ma.output("MA", true)?;
-    let mut pins = GpioPins {
-        ma,
-        slo,
-        mo,
-        uapi,
-        time: Monotonic::start(),
-        set_ns: 0,
-        get_ns: 0,
-    };
-    pins.measure_calls()?;
-    Ok(Bang::new(pins))
+    Ok(Bang::new(GpioPins::new(ma, slo, mo, uapi)?))
 }
 
 /// A line can be given by name and by number.
-fn different(lines: &[&Place]) -> Result<(), Error> {
+///
+/// # Errors
+/// When one is given twice.
+pub fn different(lines: &[&Place]) -> Result<(), Error> {
     for (index, line) in lines.iter().enumerate() {
         if lines[..index].iter().any(|other| other.is_same(line)) {
             return Err(Error::new(
@@ -78,6 +74,29 @@ fn different(lines: &[&Place]) -> Result<(), Error> {
 }
 
 impl GpioPins {
+    /// Takes over lines, MA and MO driven high.
+    ///
+    /// # Errors
+    /// When they cannot be used.
+    pub fn new(ma: Line, slo: Line, mo: Option<Line>, uapi: Uapi) -> Result<GpioPins, Error> {
+        let mut pins = GpioPins {
+            ma,
+            slo,
+            mo,
+            uapi,
+            time: Monotonic::start(),
+            set_ns: 0,
+            get_ns: 0,
+        };
+        pins.measure_calls()?;
+        Ok(pins)
+    }
+
+    /// Lets a slave in another thread run while waiting, where both have one processor.
+    pub fn share_processor(&mut self) {
+        self.time.share();
+    }
+
     /// The middle of a few calls. MA is high already, so setting it high moves nothing.
     fn measure_calls(&mut self) -> Result<(), Error> {
         let mut sets = [0u64; 15];

@@ -32,6 +32,8 @@ pub enum Kind {
         mo: Option<String>,
         /// Which of the kernel's interfaces; `None` takes what there is.
         uapi: Option<Uapi>,
+        /// The far ends of jumpers, for `biss loopback` only.
+        far: Option<Far>,
     },
     /// SCLK is MA, MISO is SLO.
     Spi {
@@ -69,6 +71,15 @@ pub enum Kind {
         /// Name of SLO in it.
         slo: Option<String>,
     },
+}
+
+/// Two more lines of the same chip, where a simulated slave sits.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Far {
+    /// MA arrives there: offset or name.
+    pub ma_in: String,
+    /// SLO comes from there: offset or name.
+    pub slo_out: String,
 }
 
 const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE[,mo=LINE][,uapi=v1|v2]  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
@@ -217,6 +228,7 @@ impl Parser<'_> {
 
     fn gpio(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
         let (mut chip, mut ma, mut slo, mut mo, mut uapi) = (None, None, None, None, None);
+        let (mut ma_in, mut slo_out) = (None, None);
         for (index, item) in items.iter().enumerate() {
             match item.pair() {
                 Some(("uapi", "v1")) => uapi = Some(Uapi::V1),
@@ -226,22 +238,29 @@ impl Parser<'_> {
                 Some(("ma", line)) => ma = Some(line.to_owned()),
                 Some(("slo", line)) => slo = Some(line.to_owned()),
                 Some(("mo", line)) => mo = Some(line.to_owned()),
+                Some(("ma-in", line)) => ma_in = Some(line.to_owned()),
+                Some(("slo-out", line)) => slo_out = Some(line.to_owned()),
                 None if index == 0 => chip = Some(item.text.clone()),
                 _ => return Err(self.unknown(item, "ma= slo= mo= uapi=")),
             }
         }
         let ma = ma.ok_or_else(|| self.missing("ma=LINE"))?;
         let slo = slo.ok_or_else(|| self.missing("slo=LINE"))?;
-        let lines = [Some(&ma), Some(&slo), mo.as_ref()];
-        let mut numbers = lines.iter().flatten().map(|line| line.parse::<u32>());
-        if chip.is_none() && numbers.any(|number| number.is_ok()) {
+        let far = match (ma_in, slo_out) {
+            (None, None) => None,
+            (Some(ma_in), Some(slo_out)) => Some(Far { ma_in, slo_out }),
+            _ => return Err(self.missing("both ma-in=LINE and slo-out=LINE, for loopback")),
+        };
+        let ends = far.iter().flat_map(|far| [&far.ma_in, &far.slo_out]);
+        let lines: Vec<&String> = [&ma, &slo].into_iter().chain(&mo).chain(ends).collect();
+        let numbered = lines.iter().any(|line| line.parse::<u32>().is_ok());
+        if chip.is_none() && numbered {
             return Err(self.missing("a chip when lines are numbers: gpio:0,ma=17,slo=27"));
         }
-        if ma == slo {
-            return Err(self.missing("two different lines"));
-        }
-        if mo.as_ref().is_some_and(|mo| *mo == ma || *mo == slo) {
-            return Err(self.missing("three different lines"));
+        let twice = |(index, line): (usize, &&String)| lines[..index].contains(line);
+        if lines.iter().enumerate().any(twice) {
+            let number = ["two", "three", "four", "five"][lines.len() - 2];
+            return Err(self.missing(&format!("{number} different lines")));
         }
         Ok(Kind::Gpio {
             chip,
@@ -249,6 +268,7 @@ impl Parser<'_> {
             slo,
             mo,
             uapi,
+            far,
         })
     }
 
@@ -388,6 +408,7 @@ mod tests {
             slo: "27".into(),
             mo: None,
             uapi: None,
+            far: None,
         };
         assert_eq!(
             spec("gpio:0,ma=17,slo=27"),
@@ -402,9 +423,13 @@ mod tests {
             slo: "a,b".into(),
             mo: Some("GPIO22".into()),
             uapi: Some(Uapi::V2),
+            far: Some(Far {
+                ma_in: "GPIO23".into(),
+                slo_out: "GPIO24".into(),
+            }),
         };
         assert_eq!(
-            spec(r"gpio:uapi=v2,ma=GPIO17,mo=GPIO22,slo=a\,b").kind,
+            spec(r"gpio:uapi=v2,ma=GPIO17,mo=GPIO22,slo=a\,b,slo-out=GPIO24,ma-in=GPIO23").kind,
             gpio
         );
         let spi = Kind::Spi {
@@ -463,6 +488,12 @@ mod tests {
             ("gpio:0,ma=17,slo=27,uapi=3", 20..26, "v1 or v2"),
             ("gpio:0,ma=17,slo=27,uapi=", 20..25, "v1 or v2"),
             ("gpio:uapi=v1,uapi=v2,ma=a,slo=b", 13..20, "there already"),
+            ("gpio:0,ma=17,slo=27,ma-in=22", 28..28, "slo-out=LINE"),
+            (
+                "gpio:0,ma=17,slo=27,ma-in=22,slo-out=17",
+                39..39,
+                "four different lines",
+            ),
             ("gpio:0,ma=,slo=27", 7..10, "number or a name"),
             ("spi:0", 4..5, "not BUS.CS"),
             ("spi:0.0,phase=1", 8..15, "auto, 2 or 3"),

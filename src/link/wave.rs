@@ -6,13 +6,12 @@
 //! one after it. A slave with a static timeout bears that: it is given 40 µs of MA high to forget the first one, and its
 //! timeout is over before the second one.
 
-use super::bus::{self, Bus, SpiBus};
+use super::bus::{self, Bus, DMA_BYTES, SpiBus};
 use super::{Caps, Clock, Error, Known, Link};
 use crate::limits::{LINE_DELAY_MAX_NS, REST_NS};
 use crate::pattern::{Grid, LEAST_SAMPLES, LEAST_SAMPLES_BROKEN, Pattern, Plan};
 use crate::trace::{Ask, Clocks, Trace, Until};
 use crate::unit::Hertz;
-use spidev::SpiModeFlags;
 use std::path::Path;
 
 /// How MA is laid on MOSI.
@@ -80,20 +79,13 @@ const USUAL_SAMPLES: u32 = 8;
 /// MA rests this long after the controller may have moved it: the slave's rest, and the way back.
 const SETTLE_NS: u64 = REST_NS + LINE_DELAY_MAX_NS;
 
-/// From here on a bcm2835 leaves a transfer to DMA, without a gap after each byte (Linux, spi-bcm2835.c:
-/// BCM2835_SPI_DMA_MIN_LENGTH).
-const DMA_BYTES: usize = 96;
-
 /// Opens a spidev for patterns on MOSI.
 ///
 /// # Errors
 /// When the device cannot be opened or a transfer fails.
 pub fn open(path: &Path, options: Options, clock: Option<Hertz>) -> Result<Wave<SpiBus>, Error> {
     let mut bus = SpiBus::open(path)?;
-    bus.configure(
-        SpiModeFlags::SPI_MODE_0,
-        "the controller must offer SPI mode 0 and 8-bit words",
-    )?;
+    bus.patterns()?;
     Wave::new(bus, options, clock)
 }
 
@@ -171,24 +163,8 @@ impl<B: Bus> Wave<B> {
 
     /// SCLK as it is when so much is asked for. MA stands still meanwhile.
     fn measure(&mut self, asked: Hertz) -> Result<Clock, Error> {
-        /// The difference between the two lengths lasts about so long, so that calls do not blur it.
-        const SPAN_NS: u64 = 500_000;
         self.choice.asked = asked;
-        let span = (u64::from(asked.0) * SPAN_NS / 8_000_000_000) as usize;
-        let room = self.bus.max_bytes().saturating_sub(DMA_BYTES).max(16);
-        let short = if span < DMA_BYTES { 8 } else { DMA_BYTES };
-        let long = short + span.clamp(32, room.max(32));
-        let measured = bus::measure(asked, 3, [short, long], |bytes| self.high(bytes))?;
-        Ok(match measured {
-            Some(hz) => Clock {
-                hz,
-                known: Known::Measured,
-            },
-            None => Clock {
-                hz: asked,
-                known: Known::Asked,
-            },
-        })
+        bus::sclk(asked, self.bus.max_bytes(), |bytes| self.high(bytes))
     }
 
     /// Finds an SCLK of which MA is a whole part, within a twentieth of what was asked for, or else cuts clocks of

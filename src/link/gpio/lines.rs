@@ -353,7 +353,7 @@ impl Place {
     /// # Errors
     /// When somebody holds it, or this user may not use it.
     pub fn output(&self, role: &'static str, level: bool) -> Result<Line, Error> {
-        self.request(role, Some(level))
+        self.request(role, Some(level), false)
     }
 
     /// Requests it as an input, on v2 with a pull-up.
@@ -361,10 +361,23 @@ impl Place {
     /// # Errors
     /// When somebody holds it, or this user may not use it.
     pub fn input(&self, role: &'static str) -> Result<Line, Error> {
-        self.request(role, None)
+        self.request(role, None, true)
     }
 
-    fn request(&self, role: &'static str, level: Option<bool>) -> Result<Line, Error> {
+    /// Requests it as an input without touching its pull, to look at a line that is an input already.
+    ///
+    /// # Errors
+    /// When somebody holds it, or this user may not use it.
+    pub fn watch(&self, role: &'static str) -> Result<Line, Error> {
+        self.request(role, None, false)
+    }
+
+    fn request(
+        &self,
+        role: &'static str,
+        level: Option<bool>,
+        pull_up: bool,
+    ) -> Result<Line, Error> {
         let consumer = format!("biss {role}");
         let doing = format!("requesting {} as {consumer}", self.shown);
         let info = line(&self.chip, self.offset, self.uapi).map_err(asking(&self.chip))?;
@@ -382,10 +395,14 @@ impl Place {
                 .map(|handle| (Held::V1(handle), Pull::AsItWas)),
             (Uapi::V2, Some(level)) => v2::output(chip, offset, level, &consumer)
                 .map(|request| (Held::V2(request), Pull::AsItWas)),
-            (Uapi::V2, None) => v2::input(chip, offset, &consumer).map(|(request, up)| {
-                let pull = if up { Pull::Up } else { Pull::Refused };
-                (Held::V2(request), pull)
-            }),
+            (Uapi::V2, None) if pull_up => {
+                v2::pulled_up(chip, offset, &consumer).map(|(request, up)| {
+                    let pull = if up { Pull::Up } else { Pull::Refused };
+                    (Held::V2(request), pull)
+                })
+            }
+            (Uapi::V2, None) => v2::input(chip, offset, &consumer, None)
+                .map(|request| (Held::V2(request), Pull::AsItWas)),
         };
         match taken {
             Ok((held, pull)) => Ok(Line { held, role, pull }),

@@ -53,17 +53,29 @@ pub(super) fn output(
     Ok(request.request()?)
 }
 
+pub(super) fn input(
+    chip: &Path,
+    offset: u32,
+    consumer: &str,
+    bias: Option<Bias>,
+) -> Result<Request, Refusal> {
+    let mut request = Request::builder();
+    request.on_chip(chip).with_consumer(consumer);
+    request.with_line(offset).as_input().with_bias(bias);
+    Ok(request.request()?)
+}
+
 /// An input with a pull-up; without one (then false is returned beside it) where the driver refuses it.
-pub(super) fn input(chip: &Path, offset: u32, consumer: &str) -> Result<(Request, bool), Refusal> {
-    let request = |bias: Option<Bias>| {
-        let mut request = Request::builder();
-        request.on_chip(chip).with_consumer(consumer);
-        request.with_line(offset).as_input().with_bias(bias);
-        request.request().map_err(Refusal::from)
-    };
-    match request(Some(Bias::PullUp)) {
+pub(super) fn pulled_up(
+    chip: &Path,
+    offset: u32,
+    consumer: &str,
+) -> Result<(Request, bool), Refusal> {
+    match input(chip, offset, consumer, Some(Bias::PullUp)) {
         Ok(line) => Ok((line, true)),
-        Err(refusal) if refusal.may_be_about_bias() => Ok((request(None)?, false)),
+        Err(refusal) if refusal.may_be_about_bias() => {
+            Ok((input(chip, offset, consumer, None)?, false))
+        }
         Err(refusal) => Err(refusal),
     }
 }

@@ -1,0 +1,523 @@
+//! `biss loopback`: the master against the simulated slave, in process or over jumpered pins.
+
+use super::{Ended, Outcome, schedule};
+use crate::cli;
+use crate::output::loopback::{Bits, Found, Frames, Wires, render};
+use crate::output::{answer, note};
+use crate::sys::Signals;
+use anyhow::{Result, anyhow, bail};
+use biss::Format;
+use biss::frame::{BissC, Stall};
+use biss::link::bitbang::Bang;
+use biss::link::bus::{self, Bus, SpiBus};
+use biss::link::gpio::{self, ChipInfo, GpioPins, Line, Place, Served};
+use biss::link::sim::{Controller, SimBus, SimPins};
+use biss::link::spec::Far;
+use biss::link::wave::{Options, Wave};
+use biss::link::{Clock, Kind, Link, Uapi};
+use biss::loopback::{Echo, LEVELS, Look, Wiring};
+use biss::master::{Master, Slot};
+use biss::slave::{Config, Motion, Timeout};
+use biss::unit::{Hertz, Nanos};
+use serde::Serialize;
+use std::cell::RefCell;
+use std::fmt::Display;
+use std::io;
+use std::path::Path;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
+    schedule(args.cpu, args.rt)?;
+    let signals = Signals::catch().map_err(|e| {
+        anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
+    })?;
+    let mut bench = Bench {
+        args: &args,
+        signals,
+        piped: true,
+    };
+    let good = match args.link.as_ref().map(|link| &link.kind) {
+        None => bench.in_process(Config::default()),
+        Some(Kind::Sim { config, .. }) => bench.in_process((**config).clone()),
+        Some(Kind::Gpio {
+            chip,
+            ma,
+            slo,
+            uapi,
+            far: Some(far),
+            ..
+        }) => bench.gpio(chip.as_deref(), [ma, slo], far, *uapi),
+        Some(Kind::Gpio { .. }) => bail!(
+            "a loopback over GPIO needs two more lines\n  jumper MA to a third line and a fourth line to SLO, then say all: gpio:0,ma=17,slo=27,ma-in=22,slo-out=23"
+        ),
+        Some(Kind::Wave { path, .. }) => bench.wave(path),
+        Some(Kind::Spi { path, .. }) => bail!(
+            "on spi MA is SCLK, which no jumper brings back to MISO\n  jumper MOSI to MISO and try the same device as a pattern: {}",
+            path.display()
+                .to_string()
+                .replace("/dev/spidev", "biss loopback wave:")
+        ),
+        Some(Kind::File { .. }) => {
+            bail!("a recording has no far end\n  `biss loopback` without a link needs no hardware")
+        }
+    }?;
+    let signal = bench.signals.caught();
+    let outcome = if good && signal.is_none() {
+        Outcome::Good
+    } else {
+        Outcome::Bad
+    };
+    Ok(Ended { outcome, signal })
+}
+
+struct Bench<'a> {
+    args: &'a cli::Loopback,
+    signals: Signals,
+    /// Somebody still reads.
+    piped: bool,
+}
+
+/// Clocks that are tried where all of them can be had: a slow one, the usual ones, the fastest of the specification
+/// (D2 Table 10).
+const CLOCKS: [Hertz; 4] = [
+    Hertz(100_000),
+    Hertz(250_000),
+    Hertz(1_000_000),
+    Hertz(10_000_000),
+];
+
+/// Frames of a step in process, and over pins, where each takes its time.
+const FRAMES: u64 = 1_000;
+const FRAMES_OVER_PINS: u64 = 100;
+
+impl Bench<'_> {
+    /// Prints a step. A reader who has enough ends the run.
+    fn tell(&mut self, step: &(impl Display + Serialize)) -> Result<()> {
+        match answer(&render(step, self.args.format)?) {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => self.piped = false,
+            Err(error) => bail!("writing records: {error}\n  make room, or write elsewhere"),
+            Ok(()) => {}
+        }
+        Ok(())
+    }
+
+    fn goes_on(&self) -> bool {
+        self.piped && self.signals.caught().is_none()
+    }
+
+    fn summary(&self, text: impl Display) {
+        if !self.args.quiet {
+            note(text);
+        }
+    }
+
+    /// What the slave shall send: `-f` beats the link.
+    fn format(&self) -> Option<Format> {
+        let link = || self.args.link.as_ref()?.frame.clone();
+        self.args
+            .frame
+            .clone()
+            .or_else(link)
+            .map(|frame| frame.format)
+    }
+
+    fn in_process(&mut self, config: Config) -> Result<bool> {
+        let config = Config {
+            format: self.format().unwrap_or(config.format.clone()),
+            ..config
+        };
+        let asked = self.args.clock.as_slice();
+        let clocks = if asked.is_empty() { &CLOCKS } else { asked };
+        let mut good = true;
+        for clock in clocks {
+            let mut link = Bang::new(SimPins::new(config.clone()));
+            link.set_clock(*clock)?;
+            good &= self.against("edge by edge", link, &config.format, |link, words| {
+                link.pins_mut().slave().latched() == words
+            })?;
+        }
+        for clock in clocks {
+            let bus = SimBus::new(config.clone(), Controller::default());
+            let link = Wave::new(bus, Options::default(), Some(*clock))?;
+            good &= self.against("pattern", link, &config.format, |link, words| {
+                link.bus_mut().pins().slave().latched() == words
+            })?;
+        }
+        if self.goes_on() {
+            self.summary(if good {
+                "every position that was read is what the slave sent"
+            } else {
+                "not everything came back as the slave sent it"
+            });
+        }
+        Ok(good)
+    }
+
+    /// Frames over a link of which both ends are in hand. `sent` compares words with what the slave latched.
+    fn against<L: Link>(
+        &mut self,
+        rig: &'static str,
+        link: L,
+        format: &Format,
+        sent: impl Fn(&mut L, &[u64]) -> bool,
+    ) -> Result<bool> {
+        if !self.goes_on() {
+            return Ok(true);
+        }
+        let link = Rc::new(RefCell::new(link));
+        let protocol = BissC::new(format.clone());
+        let count = self.args.count.unwrap_or(FRAMES);
+        let mut shared = Rc::clone(&link);
+        let frames = self.frames(rig, &mut shared, &protocol, count, |words| {
+            sent(&mut link.borrow_mut(), words)
+        })?;
+        let good = frames.is_good();
+        self.tell(&frames)?;
+        Ok(good)
+    }
+
+    /// Runs frames and compares each with what was sent. Gives up early where nothing works.
+    fn frames(
+        &mut self,
+        rig: &'static str,
+        link: &mut dyn Link,
+        protocol: &BissC,
+        count: u64,
+        sent: impl Fn(&[u64]) -> bool,
+    ) -> Result<Frames> {
+        /// So many bad frames and no good one: it will not get any better.
+        const HOPELESS: u64 = 8;
+        let mut frames = Frames::new(rig, count);
+        let mut master = Master::new(link, protocol, None);
+        master.open()?;
+        let mut words = Vec::new();
+        while frames.run < count && self.goes_on() {
+            let Slot::Done { .. } = master.slot(0, None)? else {
+                break;
+            };
+            frames.run += 1;
+            let cycle = master.cycle();
+            words.clear();
+            words.extend(cycle.words().iter().filter_map(|word| word.good()));
+            let all = words.len() == protocol.format.channels().len();
+            let fault = || cycle.words().iter().find_map(|word| word.fault());
+            match cycle.fault().or_else(fault) {
+                Some(fault) => frames.faults[fault.index()] += 1,
+                None if all && sent(&words) => frames.as_sent += 1,
+                None => frames.wrong += 1,
+            }
+            if frames.as_sent == 0 && frames.run == HOPELESS.min(count) {
+                break;
+            }
+        }
+        frames.clock = Some(master.link().clock());
+        Ok(frames)
+    }
+
+    fn gpio(
+        &mut self,
+        chip: Option<&str>,
+        [ma, slo]: [&str; 2],
+        far: &Far,
+        uapi: Option<Uapi>,
+    ) -> Result<bool> {
+        let chips = gpio::among(chip)?;
+        let uapi = gpio::choose(&chips[0], uapi)?;
+        let find = |line: &str| gpio::find(&chips, line, uapi);
+        let places = [
+            find(ma)?,
+            find(slo)?,
+            find(&far.ma_in)?,
+            find(&far.slo_out)?,
+        ];
+        gpio::different(&places.each_ref())?;
+        let [ma, slo, ma_in, slo_out] = &places;
+        let wires = FourLines {
+            slo: slo.input("SLO")?,
+            ma_in: ma_in.input("MA of the slave")?,
+            slo_out: slo_out.output("SLO of the slave", true)?,
+            ma: ma.output("MA", true)?,
+        };
+        let wiring = wires.wiring()?;
+        let good = wiring.is_good();
+        let found = if good {
+            Vec::new()
+        } else {
+            wires.search(&chips, uapi, &places)?
+        };
+        self.tell(&Wires {
+            wiring,
+            found,
+            uapi,
+        })?;
+        if !good {
+            self.summary("the jumpers are not where they should be, so no frames were run");
+            return Ok(false);
+        }
+        self.fastest(wires, uapi)
+    }
+
+    /// Frames at one clock after the other, until the fastest that works is known.
+    fn fastest(&mut self, wires: FourLines, uapi: Uapi) -> Result<bool> {
+        /// Below this a loopback says nothing about reading encoders any more.
+        const SLOWEST: Hertz = Hertz(100);
+        let FourLines {
+            ma,
+            slo,
+            ma_in,
+            slo_out,
+        } = wires;
+        let mut pins = GpioPins::new(ma, slo, None, uapi)?;
+        pins.share_processor();
+        let mut link = Bang::new(pins);
+        let mut far = (ma_in, slo_out);
+        let asked = self.args.clock;
+        let mut clock = link.set_clock(asked.unwrap_or(Hertz(10_000_000)))?.hz;
+        let (mut works, mut fails) = (None::<Hertz>, None::<Hertz>);
+        while self.goes_on() {
+            let frames;
+            (frames, far) = self.at(&mut link, clock, far)?;
+            let good = frames.is_good();
+            self.tell(&frames)?;
+            if good {
+                works = works.max(Some(clock));
+            } else {
+                fails = Some(fails.map_or(clock, |fails| fails.min(clock)));
+            }
+            clock = match (works, fails) {
+                _ if asked.is_some() => break,
+                (None, _) if clock <= SLOWEST => break,
+                (None, _) => Hertz((clock.0 / 2).max(SLOWEST.0)),
+                (Some(works), Some(fails)) if works.0 < fails.0 - fails.0 / 8 => {
+                    Hertz(works.0.midpoint(fails.0))
+                }
+                _ => break,
+            };
+        }
+        if self.goes_on() {
+            match works {
+                Some(hz) if asked.is_none() => {
+                    self.summary(format_args!("the fastest clock that works is {hz}"));
+                }
+                Some(hz) => self.summary(format_args!("{hz} works")),
+                None => self.summary(
+                    "the jumpers are right, but no clock works: is another program using the processors? try --rt 50",
+                ),
+            }
+        }
+        Ok(works.is_some())
+    }
+
+    /// Frames at one clock against a slave whose timeout bears it.
+    fn at(
+        &mut self,
+        link: &mut Bang<GpioPins>,
+        clock: Hertz,
+        (ma_in, slo_out): (Line, Line),
+    ) -> Result<(Frames, (Line, Line))> {
+        let period = link.set_clock(clock)?.hz.period_ns();
+        // The slave looks at MA when its thread runs, so its clock is not what is tested here.
+        let timeout = (4 * period).max(40_000);
+        let config = Config::default();
+        let config = Config {
+            format: self.format().unwrap_or(config.format.clone()),
+            motion: Motion::Count,
+            timeout: Timeout::Static(Nanos(timeout)),
+            ..config
+        };
+        let ns = |ns: u64| u32::try_from(ns).unwrap_or(u32::MAX);
+        let mut protocol = BissC::new(config.format.clone());
+        protocol.stall = Stall::Static {
+            min_ns: ns(timeout - timeout / 8),
+        };
+        protocol.timeout_max_ns = ns(timeout + timeout / 8);
+        let served = Served::start(ma_in, slo_out, config);
+        let count = self.args.count.unwrap_or(FRAMES_OVER_PINS);
+        let frames = self.frames("jumpered lines", link, &protocol, count, |words| {
+            served.sent(words.iter().copied())
+        });
+        let lines = served.stop()?;
+        let mut frames = frames?;
+        frames.asked = Some(clock);
+        Ok((frames, lines))
+    }
+
+    fn wave(&mut self, path: &Path) -> Result<bool> {
+        let mut bus = SpiBus::open(path)?;
+        bus.patterns()?;
+        let ladder: Vec<Hertz> = match self.args.clock {
+            Some(clock) => vec![Hertz(clock.0.saturating_mul(8))],
+            None => (0..8).map(|power| Hertz(1_000_000 << power)).collect(),
+        };
+        let mut clean = None;
+        let mut before = 0;
+        let mut good = true;
+        for asked in ladder {
+            if !self.goes_on() {
+                break;
+            }
+            let sclk = sclk_of(&mut bus, asked)?;
+            if sclk.hz.0 <= before + before / 20 {
+                // The controller does not get any faster.
+                break;
+            }
+            before = sclk.hz.0;
+            let bits = self.echo(&mut bus, asked, sclk)?;
+            let same = bits.echo == Echo::Same;
+            self.tell(&bits)?;
+            if !same {
+                good = clean.is_some() && matches!(bits.echo, Echo::Late | Echo::Differs { .. });
+                break;
+            }
+            clean = Some(sclk);
+        }
+        if self.goes_on() {
+            match clean {
+                Some(sclk) => {
+                    let ma = Hertz(sclk.hz.0 / biss::pattern::LEAST_SAMPLES);
+                    self.summary(format_args!(
+                        "every bit comes back up to SCLK {sclk}: enough for MA up to {ma}"
+                    ));
+                }
+                None => self.summary("MOSI does not come back on MISO"),
+            }
+        }
+        Ok(good)
+    }
+
+    /// Random bits out and back, as many transfers as were asked for.
+    fn echo(&mut self, bus: &mut SpiBus, asked: Hertz, sclk: Clock) -> Result<Bits> {
+        /// A transfer lasts no longer than about this.
+        const SPAN_MS: usize = 50;
+        let bytes = (sclk.hz.0 as usize / 8 * SPAN_MS / 1000).clamp(64, bus.max_bytes().max(64));
+        let mut noise = Noise(u64::from(asked.0));
+        let (mut out, mut back) = (vec![0; bytes], vec![0; bytes]);
+        let mut bits = Bits {
+            asked,
+            sclk,
+            bits: 0,
+            echo: Echo::Same,
+        };
+        for _ in 0..self.args.count.unwrap_or(8) {
+            if !self.goes_on() {
+                break;
+            }
+            out.fill_with(|| noise.byte());
+            bus.shift(asked, &out, &mut back)?;
+            bits.bits += 8 * bytes as u64;
+            bits.echo = Echo::of(&out, &back);
+            if bits.echo != Echo::Same {
+                break;
+            }
+        }
+        Ok(bits)
+    }
+}
+
+/// SCLK as it is when so much is asked for, MOSI high.
+fn sclk_of(bus: &mut SpiBus, asked: Hertz) -> Result<Clock> {
+    let high = vec![0xFF; bus.max_bytes()];
+    let mut back = high.clone();
+    let sclk = bus::sclk(asked, bus.max_bytes(), |bytes| {
+        let began = bus.shift(asked, &high[..bytes], &mut back[..bytes])?;
+        Ok(bus.now_ns() - began)
+    })?;
+    Ok(sclk)
+}
+
+/// Bits without a period that a stuck or shifted line could hide in. The same ones in every run.
+struct Noise(u64);
+
+impl Noise {
+    fn byte(&mut self) -> u8 {
+        // Knuth's constants (MMIX).
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 56) as u8
+    }
+}
+
+/// The lines of a loopback, with MA and the slave's SLO driven high.
+struct FourLines {
+    ma: Line,
+    slo: Line,
+    ma_in: Line,
+    slo_out: Line,
+}
+
+/// Levels settle within this: optocouplers included.
+const SETTLE: Duration = Duration::from_micros(100);
+
+/// An output of ours, by its key in the link, and how to drive it.
+type Output<'a> = (&'static str, &'a Line);
+
+impl FourLines {
+    fn settle() {
+        let end = Instant::now() + SETTLE;
+        while Instant::now() < end {
+            std::hint::spin_loop();
+        }
+    }
+
+    /// Moves both outputs through all their levels and looks.
+    fn wiring(&self) -> Result<Wiring> {
+        const ROUNDS: usize = 4;
+        let mut looks = Vec::new();
+        for (ma, slo_out) in LEVELS.repeat(ROUNDS) {
+            self.ma.set(ma)?;
+            self.slo_out.set(slo_out)?;
+            Self::settle();
+            looks.push(Look {
+                ma,
+                slo_out,
+                ma_in: self.ma_in.get()?,
+                slo: self.slo.get()?,
+            });
+        }
+        self.ma.set(true)?;
+        self.slo_out.set(true)?;
+        Ok(Wiring::of(&looks))
+    }
+
+    /// Other lines on which our outputs arrive: those that are free, and inputs already. Looking at one changes nothing.
+    fn search(&self, chips: &[ChipInfo], uapi: Uapi, ours: &[Place]) -> Result<Vec<Found>> {
+        let outputs: [Output; 2] = [("ma", &self.ma), ("slo-out", &self.slo_out)];
+        let mut found = Vec::new();
+        for chip in chips {
+            for info in gpio::lines(chip, uapi)? {
+                let place = gpio::find(std::slice::from_ref(chip), &info.offset.to_string(), uapi)?;
+                if info.used || info.output || ours.iter().any(|line| line.is_same(&place)) {
+                    continue;
+                }
+                // A line that cannot be had is not where a jumper should be.
+                let Ok(line) = place.watch("looking for MA") else {
+                    continue;
+                };
+                for (output, driven) in outputs {
+                    if follows(driven, &line)? {
+                        let name = info.name.clone();
+                        found.push(Found {
+                            output,
+                            line: name.unwrap_or_else(|| place.shown().to_owned()),
+                        });
+                    }
+                }
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// Whether an input shows an output, which is high before and after.
+fn follows(output: &Line, input: &Line) -> Result<bool> {
+    let mut all = true;
+    for level in [false, true, false, true] {
+        output.set(level)?;
+        FourLines::settle();
+        all &= input.get()? == level;
+    }
+    Ok(all)
+}
