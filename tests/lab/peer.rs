@@ -1,8 +1,10 @@
 //! The kernel lab's encoder: the library's simulated slave at the far end of `/dev/biss-wire`.
 //!
-//! `lab-peer MA_LINE SLO_LINE CONFIG [LOG]` prints `peer up`, then answers every edge of line `MA_LINE` on line
+//! `lab-peer MA_LINE SLO_LINE CONFIG [LOG [MO_LINE]]` prints `peer up`, then answers every edge of line `MA_LINE` on line
 //! `SLO_LINE` until SIGTERM. `CONFIG` is what a `sim:` link takes. `LOG` receives one line for each latched position (the
-//! channels' data words in hex) and ends with `# ma=LEVEL`, the level in which the master left MA.
+//! channels' data words in hex), after it with `MO_LINE` a line `# mo=LEVELS`, MO as it stood at each falling MA edge since
+//! the latch before, and ends with `# high_ns=TIME`, how long MA was high before it fell last, and `# ma=LEVEL`, the level in
+//! which the master left MA.
 
 use std::error::Error;
 use std::fs::{File, OpenOptions};
@@ -74,12 +76,14 @@ fn next_change(slave: &Slave, level: bool) -> Option<u64> {
 
 fn run() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let (ma, slo, config, log) = match &args[..] {
-        [ma, slo, config] => (ma, slo, config, None),
-        [ma, slo, config, log] => (ma, slo, config, Some(log)),
-        _ => return Err("usage: lab-peer MA_LINE SLO_LINE CONFIG [LOG]".into()),
+    let (ma, slo, config, log, mo) = match &args[..] {
+        [ma, slo, config] => (ma, slo, config, None, None),
+        [ma, slo, config, log] => (ma, slo, config, Some(log), None),
+        [ma, slo, config, log, mo] => (ma, slo, config, Some(log), Some(mo)),
+        _ => return Err("usage: lab-peer MA_LINE SLO_LINE CONFIG [LOG [MO_LINE]]".into()),
     };
     let (ma, slo): (u32, u32) = (ma.parse()?, slo.parse()?);
+    let mo: Option<u32> = mo.map(|line| line.parse()).transpose()?;
     let config: Config = config.parse()?;
     let mut log = match log {
         Some(path) => Some(BufWriter::with_capacity(1 << 16, File::create(path)?)),
@@ -92,6 +96,9 @@ fn run() -> Result<(), Box<dyn Error>> {
     let mut wire = Wire::open()?;
     let mut latches = slave.latches();
     let mut up = false;
+    // A line never driven rests high.
+    let (mut mo_level, mut mo_levels) = (true, String::new());
+    let (mut rise_ns, mut high_ns) = (0, 0);
     // ask for the present time
     wire.order(&[(0, TIMER | ma, false)])?;
     while !ended.load(Ordering::Relaxed) {
@@ -99,6 +106,15 @@ fn run() -> Result<(), Box<dyn Error>> {
         let timer = event.line & TIMER != 0;
         if event.line == ma {
             slave.ma(event.at_ns, event.level);
+            if event.level {
+                rise_ns = event.at_ns;
+            } else {
+                high_ns = event.at_ns - rise_ns;
+                mo_levels.push(if mo_level { '1' } else { '0' });
+            }
+        } else if Some(event.line) == mo {
+            mo_level = event.level;
+            continue;
         } else if !timer {
             continue;
         }
@@ -122,6 +138,10 @@ fn run() -> Result<(), Box<dyn Error>> {
                     .map(|word| format!("{word:x}"))
                     .collect();
                 writeln!(log, "{}", words.join(" "))?;
+                if mo.is_some() {
+                    writeln!(log, "# mo={mo_levels}")?;
+                    mo_levels.clear();
+                }
             }
             if timer {
                 log.flush()?;
@@ -140,6 +160,7 @@ fn run() -> Result<(), Box<dyn Error>> {
                 break event.level;
             }
         };
+        writeln!(log, "# high_ns={high_ns}")?;
         writeln!(log, "# ma={}", u8::from(last))?;
         log.flush()?;
     }

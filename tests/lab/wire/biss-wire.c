@@ -19,12 +19,17 @@
  *
  * An order ahead of its time needs nobody to be awake when the time comes:
  * the pin shows it to whoever looks then.
+ *
+ * Without a peer it is a plain chip, and inputs stay as they were. What a
+ * board does beside the encoder is in parameters, which can be written while
+ * it runs: jumpers between pins, pulls, and what becomes of a released line.
  */
 #include <linux/gpio/driver.h>
 #include <linux/hrtimer.h>
 #include <linux/ktime.h>
 #include <linux/miscdevice.h>
 #include <linux/module.h>
+#include <linux/pinctrl/pinconf-generic.h>
 #include <linux/platform_device.h>
 #include <linux/sched/signal.h>
 #include <linux/spi/spi.h>
@@ -56,6 +61,8 @@ static DEFINE_MUTEX(drive_mutex);	/* one edge at a time */
 static DEFINE_SPINLOCK(wire_lock);	/* everything below */
 static DECLARE_WAIT_QUEUE_HEAD(wire_wq);
 
+static u64 jumpers[WIRE_MAX];		/* by output: the inputs that show its level */
+static u64 pulled_up;			/* lines whose pull-up is on */
 static struct wire_event edge;		/* the edge that waits for the peer */
 static bool is_open, pending, taken;	/* ...if there is one; the peer has read it */
 static u64 timer_ns = U64_MAX;
@@ -75,6 +82,20 @@ static u8 pin_level(unsigned int line)
 	return pin[line].level;
 }
 
+/* a pin has a new level, and so have the inputs it is jumpered to; under wire_lock */
+static void pin_show(unsigned int line, u8 level)
+{
+	unsigned int to;
+
+	pin[line].level = level;
+	for (to = 0; to < WIRE_MAX; to++) {
+		if (jumpers[line] >> to & 1 && !pin[to].out) {
+			pin[to].level = level;
+			pin[to].at_ns = 0;
+		}
+	}
+}
+
 static int wire_sense(unsigned int line)
 {
 	int level;
@@ -90,12 +111,12 @@ static void wire_drive(unsigned int line, bool level)
 	mutex_lock(&drive_mutex);
 	spin_lock(&wire_lock);
 	if (pin_level(line) == level || !is_open) {
-		pin[line].level = level;
+		pin_show(line, level);
 		spin_unlock(&wire_lock);
 		mutex_unlock(&drive_mutex);
 		return;
 	}
-	pin[line].level = level;
+	pin_show(line, level);
 	edge = (struct wire_event){ ktime_get_ns(), line, level };
 	pending = true;
 	taken = false;
@@ -121,6 +142,49 @@ static void wire_direction(unsigned int line, bool out)
 	pin[line].out = out;
 	spin_unlock(&wire_lock);
 }
+
+/* The board's side */
+
+static int jumper_set(const char *text, const struct kernel_param *p)
+{
+	u64 next[WIRE_MAX] = { 0 };
+	unsigned int from, to;
+	int n;
+
+	for (; *text && *text != '\n'; text += n + (text[n] == ',')) {
+		if (sscanf(text, "%u:%u%n", &from, &to, &n) != 2 || from >= WIRE_MAX || to >= WIRE_MAX)
+			return -EINVAL;
+		next[from] |= BIT_ULL(to);
+	}
+	spin_lock(&wire_lock);
+	memcpy(jumpers, next, sizeof(jumpers));
+	for (from = 0; from < WIRE_MAX; from++)
+		if (jumpers[from])
+			pin_show(from, pin_level(from));
+	spin_unlock(&wire_lock);
+	return 0;
+}
+
+static const struct kernel_param_ops jumper_ops = { .set = jumper_set };
+module_param_cb(jumper, &jumper_ops, NULL, 0200);
+MODULE_PARM_DESC(jumper, "FROM:TO[,FROM:TO...]: the input TO shows the level of the output FROM");
+static bool release_low;
+module_param(release_low, bool, 0644);
+MODULE_PARM_DESC(release_low, "an output that is released becomes a low input, as a pull-down makes it");
+static char pulls = 'y';
+static int pulls_set(const char *text, const struct kernel_param *p)
+{
+	if (*text != 'y' && *text != 'n' && *text != 'e')
+		return -EINVAL;
+	pulls = *text;
+	return 0;
+}
+
+static const struct kernel_param_ops pulls_ops = { .set = pulls_set };
+module_param_cb(pulls, &pulls_ops, NULL, 0200);
+MODULE_PARM_DESC(pulls, "y: pulls can be set; n: there are none, which gpiolib hides; e: there are none, an error");
+module_param(pulled_up, ullong, 0444);
+MODULE_PARM_DESC(pulled_up, "lines whose pull-up is on, as bits (read only)");
 
 /* The peer's side */
 
@@ -274,10 +338,38 @@ static void wire_set(struct gpio_chip *gc, unsigned int o, int v)
 	wire_drive(o, v);
 }
 
+static int wire_config(struct gpio_chip *gc, unsigned int o, unsigned long config)
+{
+	enum pin_config_param what = pinconf_to_config_param(config);
+
+	if (what != PIN_CONFIG_BIAS_PULL_UP && what != PIN_CONFIG_BIAS_PULL_DOWN && what != PIN_CONFIG_BIAS_DISABLE)
+		return -ENOTSUPP;
+	if (pulls != 'y')
+		return pulls == 'n' ? -ENOTSUPP : -EOPNOTSUPP;
+	spin_lock(&wire_lock);
+	pulled_up &= ~BIT_ULL(o);
+	if (what == PIN_CONFIG_BIAS_PULL_UP)
+		pulled_up |= BIT_ULL(o);
+	/* a pull matters where nothing drives */
+	if (!is_open && !pin[o].out && what != PIN_CONFIG_BIAS_DISABLE)
+		pin[o].level = what == PIN_CONFIG_BIAS_PULL_UP;
+	spin_unlock(&wire_lock);
+	return 0;
+}
+
+static void wire_free(struct gpio_chip *gc, unsigned int o)
+{
+	if (!release_low || !READ_ONCE(pin[o].out))
+		return;
+	wire_drive(o, 0);
+	wire_direction(o, false);
+}
+
 static struct gpio_chip gc = {
 	.owner = THIS_MODULE, .base = -1, .can_sleep = true,
 	.direction_input = wire_dir_in, .direction_output = wire_dir_out,
 	.get_direction = wire_get_dir, .get = wire_get, .set = wire_set,
+	.set_config = wire_config, .free = wire_free,
 };
 static const char *names[WIRE_MAX];
 
