@@ -3,8 +3,7 @@
 //! `lab-peer MA_LINE SLO_LINE CONFIG [LOG [MO_LINE]]` prints `peer up`, then answers every edge of line `MA_LINE` on line
 //! `SLO_LINE` until SIGTERM. `CONFIG` is what a `sim:` link takes. `LOG` receives one line for each latched position (the
 //! channels' data words in hex), after it with `MO_LINE` a line `# mo=LEVELS`, MO as it stood at each falling MA edge since
-//! the latch before, and ends with `# high_ns=TIME`, how long MA was high before it fell last, and `# ma=LEVEL`, the level in
-//! which the master left MA.
+//! the latch before, and ends with `# ma=LEVEL`, the level in which the master left MA.
 
 use std::error::Error;
 use std::fs::{File, OpenOptions};
@@ -98,7 +97,6 @@ fn run() -> Result<(), Box<dyn Error>> {
     let mut up = false;
     // A line never driven rests high.
     let (mut mo_level, mut mo_levels) = (true, String::new());
-    let (mut rise_ns, mut high_ns) = (0, 0);
     // ask for the present time
     wire.order(&[(0, TIMER | ma, false)])?;
     while !ended.load(Ordering::Relaxed) {
@@ -106,10 +104,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         let timer = event.line & TIMER != 0;
         if event.line == ma {
             slave.ma(event.at_ns, event.level);
-            if event.level {
-                rise_ns = event.at_ns;
-            } else {
-                high_ns = event.at_ns - rise_ns;
+            if !event.level {
                 mo_levels.push(if mo_level { '1' } else { '0' });
             }
         } else if Some(event.line) == mo {
@@ -160,7 +155,6 @@ fn run() -> Result<(), Box<dyn Error>> {
                 break event.level;
             }
         };
-        writeln!(log, "# high_ns={high_ns}")?;
         writeln!(log, "# ma={}", u8::from(last))?;
         log.flush()?;
     }

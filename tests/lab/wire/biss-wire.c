@@ -69,6 +69,7 @@ static u64 timer_ns = U64_MAX;
 static u32 timer_line;
 static struct {
 	u64 at_ns;			/* when an input takes its next level; 0: none ahead */
+	u64 driven_ns;			/* when the last call that drove it was over */
 	u8 level, next, out;
 } pin[WIRE_MAX];
 
@@ -112,6 +113,7 @@ static void wire_drive(unsigned int line, bool level)
 	spin_lock(&wire_lock);
 	if (pin_level(line) == level || !is_open) {
 		pin_show(line, level);
+		pin[line].driven_ns = ktime_get_ns();
 		spin_unlock(&wire_lock);
 		mutex_unlock(&drive_mutex);
 		return;
@@ -130,6 +132,9 @@ static void wire_drive(unsigned int line, bool level)
 		pending = false;
 		spin_unlock(&wire_lock);
 	}
+	spin_lock(&wire_lock);
+	pin[line].driven_ns = ktime_get_ns();
+	spin_unlock(&wire_lock);
 	mutex_unlock(&drive_mutex);
 }
 
@@ -171,6 +176,9 @@ MODULE_PARM_DESC(jumper, "FROM:TO[,FROM:TO...]: the input TO shows the level of 
 static bool release_low;
 module_param(release_low, bool, 0644);
 MODULE_PARM_DESC(release_low, "an output that is released becomes a low input, as a pull-down makes it");
+static u64 high_ns;
+module_param(high_ns, ullong, 0644);
+MODULE_PARM_DESC(high_ns, "how long the output released last had been high since it was driven, 0 when it was low");
 static char pulls = 'y';
 static int pulls_set(const char *text, const struct kernel_param *p)
 {
@@ -359,7 +367,12 @@ static int wire_config(struct gpio_chip *gc, unsigned int o, unsigned long confi
 
 static void wire_free(struct gpio_chip *gc, unsigned int o)
 {
-	if (!release_low || !READ_ONCE(pin[o].out))
+	if (!READ_ONCE(pin[o].out))
+		return;
+	spin_lock(&wire_lock);
+	high_ns = pin[o].level ? ktime_get_ns() - pin[o].driven_ns : 0;
+	spin_unlock(&wire_lock);
+	if (!release_low)
 		return;
 	wire_drive(o, 0);
 	wire_direction(o, false);
