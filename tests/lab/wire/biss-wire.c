@@ -392,6 +392,10 @@ static const char *names[WIRE_MAX];
  * message of a mode, not when the mode is set.
  */
 
+static bool mosi_low;
+module_param(mosi_low, bool, 0644);
+MODULE_PARM_DESC(mosi_low, "MOSI goes low after each transfer instead of staying at its last bit");
+
 static void spi_half(u32 hz)
 {
 	u64 until = ktime_get_ns() + 500000000ULL / (hz ?: 1);
@@ -432,6 +436,8 @@ static int wire_spi_one(struct spi_controller *c, struct spi_device *s, struct s
 		if (rx)
 			rx[i] = in;
 	}
+	if (mosi_low)
+		wire_drive(PIN_MOSI, false);
 	return 0;
 }
 
