@@ -1,5 +1,6 @@
 //! The verbs.
 
+mod asked;
 mod counting;
 pub(crate) mod list;
 pub(crate) mod loopback;

@@ -113,7 +113,12 @@ fn no_field_can_be_named_like_a_key() {
 fn a_record_with_a_fault_has_no_position() {
     let mut rng = common::rng();
     let mut kinds = std::collections::BTreeSet::new();
-    for _ in 0..common::size(60).max(60) {
+    let rounds = common::size(60).max(60);
+    for round in 0..10 * rounds {
+        // A stop bit in the wrong place is rarer than the others.
+        if round >= rounds && kinds.contains("stop") {
+            break;
+        }
         let format = common::format(&mut rng);
         let link = format!(
             "sim:crc-error=20%,no-ack=10%,no-start=10%,null=20%,flip=0.2%,busy=0us..9us,seed={},frame={format}",

@@ -93,6 +93,7 @@ const BINARY: &[&str] = &[
     "cli.rs",
     "cli/generated.rs",
     "cmd.rs",
+    "cmd/asked.rs",
     "cmd/counting.rs",
     "cmd/list.rs",
     "cmd/loopback.rs",

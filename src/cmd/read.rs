@@ -1,9 +1,10 @@
 //! `biss read`: frames, one after the other or one a slot.
 
+use super::asked::{USUAL_CLOCK, check, choose_frame, fill_in, look, warn_outside};
 use super::counting::Counting;
 use super::{Ended, Outcome, schedule};
 use crate::cli;
-use crate::output::{Column, Look, Printer, Shape, Shot, Summary, choose, columns, note};
+use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::{self, Signals};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
@@ -19,9 +20,6 @@ use std::fs::File;
 use std::io;
 use std::rc::Rc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-
-/// `-c` where nothing else is said, on links that do it.
-const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 
 pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     let frame = choose_frame(&args, frame_given)?;
@@ -49,105 +47,6 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         printer,
     }
     .all(link.as_mut())
-}
-
-/// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
-fn choose_frame(args: &cli::Read, given: bool) -> Result<Frame> {
-    let flag = args.frame.clone().filter(|_| given);
-    let chosen = flag
-        .or_else(|| args.link.frame.clone())
-        .or_else(|| args.frame.clone());
-    if let Some(frame) = chosen {
-        return Ok(frame);
-    }
-    match &args.link.kind {
-        Kind::Sim { config, .. } => Ok(Frame {
-            format: config.format.clone(),
-            preset: None,
-        }),
-        _ => bail!(
-            "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
-             its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
-             and -f resolute-26 or another preset saves the trouble"
-        ),
-    }
-}
-
-/// What has no meaning on a recording is a mistake, not something to be ignored.
-fn check(args: &cli::Read) -> Result<()> {
-    if args.interval == Some(Nanos(0)) {
-        bail!("--interval 0 is no interval\n  leave it out to read back to back");
-    }
-    if !matches!(args.link.kind, Kind::File { .. }) {
-        return Ok(());
-    }
-    let live_only = [
-        ("--clock", args.clock.is_some()),
-        ("--interval", args.interval.is_some()),
-        ("--retries", args.retries.is_some()),
-        ("--wait", args.wait.is_some_and(|wait| wait.0 > 0)),
-        ("--time unix", args.time == cli::TimeStyle::Unix),
-    ];
-    match live_only.iter().find(|(_, set)| *set) {
-        Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it out"),
-        None => Ok(()),
-    }
-}
-
-/// How records look, decided before anything is opened.
-fn look(args: &cli::Read, format: &Format, counted: bool) -> Result<Look> {
-    let kind = &args.link.kind;
-    let clocks_only = matches!(
-        kind,
-        Kind::Gpio { .. } | Kind::Spi { .. } | Kind::Sim { .. }
-    );
-    let live = !matches!(kind, Kind::File { .. });
-    let there = columns(&Shape {
-        format,
-        time: args.time,
-        counted,
-        live,
-        delay_clk: live,
-        delay_ns: !clocks_only,
-    });
-    if let Some(list) = &args.fields {
-        let chosen = choose(list, &there).map_err(|e| anyhow!("--fields: {e}"))?;
-        return Ok(Look::Fields(chosen));
-    }
-    Ok(match args.format {
-        cli::OutputFormat::Text => Look::Text,
-        cli::OutputFormat::Json => Look::Json,
-        cli::OutputFormat::Csv => {
-            let shown = |column: &Column| *column != Column::Bits || args.verbose;
-            Look::Csv(there.into_iter().filter(shown).collect())
-        }
-    })
-}
-
-/// What the user asks for and the encoder is not made for. He may know better, so he gets it.
-fn warn_outside(args: &cli::Read, preset: &Preset) {
-    let clock = args.clock.and_then(|clock| preset.clock_outside(clock));
-    let interval = args.interval.and_then(|time| preset.interval_outside(time));
-    let timeout = args
-        .timeout
-        .and_then(|timeout| preset.timeout_outside(timeout.stall, timeout.max));
-    if !args.quiet {
-        [clock, interval, timeout].iter().flatten().for_each(note);
-    }
-}
-
-/// What the user has not said, the preset may.
-fn fill_in(args: &mut cli::Read, preset: &Preset) {
-    let kind = &args.link.kind;
-    if matches!(
-        kind,
-        Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. }
-    ) {
-        args.clock
-            .get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
-    }
-    let (stall, max) = preset.judged();
-    args.timeout.get_or_insert(cli::Timeout { stall, max });
 }
 
 fn open(
@@ -361,11 +260,14 @@ impl Run<'_> {
                 "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
             ));
         } else if self.args.clock.is_none() {
-            // An asked one was warned of before.
-            let outside = self
-                .preset
-                .and_then(|preset| preset.clock_outside(clock.hz));
-            outside.iter().for_each(note);
+            // An asked one was warned of before, and a measured one is not that exact.
+            let tolerant = Hertz(clock.hz.0.saturating_add(clock.hz.0 / 20));
+            let slow = |preset: &&Preset| preset.clock_min.is_some_and(|min| tolerant < min);
+            let outside = self.preset.filter(slow);
+            outside
+                .and_then(|preset| preset.clock_outside(clock.hz))
+                .iter()
+                .for_each(note);
         }
         if master.link().caps().times_levels && self.protocol.stall == Stall::Unknown {
             if clock.hz.period_ns() >= limits::LEVEL_MAX_NS {
@@ -373,9 +275,14 @@ impl Run<'_> {
                     "a clock takes 12 us or more, as long as some slaves wait: frames count as stalled unless --timeout says more",
                 );
             } else if self.args.verbose {
-                note(
-                    "the encoder's timeout is not known: no MA level may exceed 12 us, two clocks and its adaptive timeout",
-                );
+                const LIMITS: &str =
+                    "no MA level may exceed 12 us, two clocks and its adaptive timeout";
+                match self.preset.and_then(|preset| preset.timeout) {
+                    Some(timeout) => note(format_args!(
+                        "the encoder's timeout is {timeout}, and nobody says how short it can be: {LIMITS}"
+                    )),
+                    None => note(format_args!("the encoder's timeout is not known: {LIMITS}")),
+                }
             }
         }
         if self.args.verbose {

@@ -273,3 +273,49 @@ fn write(out: &mut Vec<u8>, value: Option<impl std::fmt::Display>) -> io::Result
         None => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shape(format: &Format) -> Vec<Column> {
+        columns(&Shape {
+            format,
+            time: TimeStyle::Zero,
+            counted: true,
+            live: true,
+            delay_clk: true,
+            delay_ns: true,
+        })
+    }
+
+    #[test]
+    fn every_column_can_be_chosen_in_any_order() {
+        let format = "mt4,st12,data3=temp,lc6,nE,nW,crc6+pos8,data3=temp,E";
+        let there = shape(&format.parse().unwrap_or_else(|e| panic!("{e}")));
+        let good = |column: &&Column| !matches!(column, Column::Fault | Column::Detail);
+        let mut wanted: Vec<Column> = there.iter().filter(good).cloned().collect();
+        assert_eq!(wanted.len(), 21, "{wanted:?}");
+        fastrand::shuffle(&mut wanted);
+        let names: Vec<&str> = wanted.iter().map(Column::name).collect();
+        assert_eq!(choose(&names.join(","), &there), Ok(wanted));
+    }
+
+    #[test]
+    fn no_list_panics() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let there = shape(&"st8,crc6".parse().unwrap_or_else(|e| panic!("{e}")));
+        let parts = ["pos", ",", "deg", "é", "fault", " ", "t_ns", "turn", "crc"];
+        for _ in 0..5_000 {
+            let list: String = (0..rng.usize(0..7))
+                .map(|_| parts[rng.usize(..parts.len())])
+                .collect();
+            if let Err(error) = choose(&list, &there) {
+                assert!(list.get(error.span()).is_some(), "{list}");
+                assert!(error.to_string().contains('^'), "{list}");
+            }
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! What was asked for: checked, and completed, before anything is opened.
+
+use crate::cli;
+use crate::output::{Column, Look, Shape, choose, columns, note};
+use anyhow::{Result, anyhow, bail};
+use biss::format::Format;
+use biss::link::Kind;
+use biss::preset::{Frame, Preset};
+use biss::unit::{Hertz, Nanos};
+
+/// `-c` where nothing else is said, on links that do it.
+pub(super) const USUAL_CLOCK: Hertz = Hertz(1_000_000);
+
+/// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
+pub(super) fn choose_frame(args: &cli::Read, given: bool) -> Result<Frame> {
+    let flag = args.frame.clone().filter(|_| given);
+    let chosen = flag
+        .or_else(|| args.link.frame.clone())
+        .or_else(|| args.frame.clone());
+    if let Some(frame) = chosen {
+        return Ok(frame);
+    }
+    match &args.link.kind {
+        Kind::Sim { config, .. } => Ok(Frame {
+            format: config.format.clone(),
+            preset: None,
+        }),
+        _ => bail!(
+            "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
+             its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
+             and -f resolute-26 or another preset saves the trouble"
+        ),
+    }
+}
+
+/// What has no meaning on a recording is a mistake, not something to be ignored.
+pub(super) fn check(args: &cli::Read) -> Result<()> {
+    if args.interval == Some(Nanos(0)) {
+        bail!("--interval 0 is no interval\n  leave it out to read back to back");
+    }
+    if !matches!(args.link.kind, Kind::File { .. }) {
+        return Ok(());
+    }
+    let live_only = [
+        ("--clock", args.clock.is_some()),
+        ("--interval", args.interval.is_some()),
+        ("--retries", args.retries.is_some()),
+        ("--wait", args.wait.is_some_and(|wait| wait.0 > 0)),
+        ("--time unix", args.time == cli::TimeStyle::Unix),
+    ];
+    match live_only.iter().find(|(_, set)| *set) {
+        Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it out"),
+        None => Ok(()),
+    }
+}
+
+/// How records look, decided before anything is opened.
+pub(super) fn look(args: &cli::Read, format: &Format, counted: bool) -> Result<Look> {
+    let kind = &args.link.kind;
+    let clocks_only = matches!(
+        kind,
+        Kind::Gpio { .. } | Kind::Spi { .. } | Kind::Sim { .. }
+    );
+    let live = !matches!(kind, Kind::File { .. });
+    let there = columns(&Shape {
+        format,
+        time: args.time,
+        counted,
+        live,
+        delay_clk: live,
+        delay_ns: !clocks_only,
+    });
+    if let Some(list) = &args.fields {
+        let chosen = choose(list, &there).map_err(|e| anyhow!("--fields: {e}"))?;
+        return Ok(Look::Fields(chosen));
+    }
+    Ok(match args.format {
+        cli::OutputFormat::Text => Look::Text,
+        cli::OutputFormat::Json => Look::Json,
+        cli::OutputFormat::Csv => {
+            let shown = |column: &Column| *column != Column::Bits || args.verbose;
+            Look::Csv(there.into_iter().filter(shown).collect())
+        }
+    })
+}
+
+/// What the user asks for and the encoder is not made for. He may know better, so he gets it.
+pub(super) fn warn_outside(args: &cli::Read, preset: &Preset) {
+    let clock = args.clock.and_then(|clock| preset.clock_outside(clock));
+    let interval = args.interval.and_then(|time| preset.interval_outside(time));
+    let timeout = args
+        .timeout
+        .and_then(|timeout| preset.timeout_outside(timeout.stall, timeout.max));
+    if !args.quiet {
+        [clock, interval, timeout].iter().flatten().for_each(note);
+    }
+}
+
+/// What the user has not said, the preset may.
+pub(super) fn fill_in(args: &mut cli::Read, preset: &Preset) {
+    let kind = &args.link.kind;
+    if matches!(
+        kind,
+        Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. }
+    ) {
+        args.clock
+            .get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
+    }
+    let (stall, max) = preset.judged();
+    args.timeout.get_or_insert(cli::Timeout { stall, max });
+}
