@@ -127,7 +127,8 @@ const ALL: [Preset; 12] = [
         interval: None,
         power_on: None,
         source: "Faulhaber 7000.05070, 1st edition of 17-09-2020, description of the interface, Fig. 4",
-        note: "the factory presets the turns for a signed reading; biss counts them without sign",
+        note: "the sheet says that Data and CLK are inverted against its figure. The factory presets the position for a signed \
+               reading; biss counts it without sign",
     },
     Preset {
         name: "lenz-irs",
