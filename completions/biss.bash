@@ -47,7 +47,7 @@ _biss() {
 
     case "${cmd}" in
         biss)
-            opts="-h -V --help --version read list loopback help"
+            opts="-h -V --help --version list read loopback help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 1 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -61,7 +61,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__help)
-            opts="read list loopback help"
+            opts="list read loopback help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -153,24 +153,18 @@ _biss() {
             return 0
             ;;
         biss__subcmd__loopback)
-            opts="-f -c -n -o -q -h --frame --clock --count --format --rt --cpu --quiet --help file: gpio: sim spi: wave:"
+            opts="-f -c -n -o -q -h --frame --clock --count --format --rt --cpu --quiet --help sim gpio: wave:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
             fi
             case "${prev}" in
                 --frame)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
+                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c" -- "${cur}"))
                     return 0
                     ;;
                 -f)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
+                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c" -- "${cur}"))
                     return 0
                     ;;
                 --clock)
@@ -231,24 +225,18 @@ _biss() {
             return 0
             ;;
         biss__subcmd__read)
-            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help file: gpio: sim spi: wave:"
+            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help gpio: spi: wave: sim file:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
             fi
             case "${prev}" in
                 --frame)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
+                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c" -- "${cur}"))
                     return 0
                     ;;
                 -f)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
+                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c" -- "${cur}"))
                     return 0
                     ;;
                 --clock)

@@ -26,11 +26,26 @@ end
 
 complete -c biss -n "__fish_biss_needs_command" -s h -l help -d 'Print help'
 complete -c biss -n "__fish_biss_needs_command" -s V -l version -d 'Print version'
-complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
 complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
-complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset' -r -f
+complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, and all about presets; JSON has everything anyway'
+complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
+balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
+faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
+lenz-irs\t'Lenz IRS and SAB, inductive ring, 24 bit'
+lika-amm3616\t'Lika AMM3616/4096SC, 12 bit of turns, 16 bit a turn'
+lika-amm3619\t'Lika AMM3619/4096SC, 12 bit of turns, 19 bit a turn'
+lika-sma1\t'Lika SMA1, magnetic linear, 24 bit'
+resolute-18\t'Renishaw RESOLUTE, optical, 18 bit'
+resolute-26\t'Renishaw RESOLUTE, optical, 26 bit'
+resolute-32\t'Renishaw RESOLUTE, optical, 32 bit'
+resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
+siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'"
 complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
@@ -58,11 +73,18 @@ complete -c biss -n "__fish_biss_using_subcommand read" -l reverse -d 'Count aga
 complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No summary and no notes on stderr'
 complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs; add bits to records'
 complete -c biss -n "__fish_biss_using_subcommand read" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
-json\t'JSON Lines'"
-complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, not only those in use; JSON has all of them anyway'
-complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
+balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
+faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
+lenz-irs\t'Lenz IRS and SAB, inductive ring, 24 bit'
+lika-amm3616\t'Lika AMM3616/4096SC, 12 bit of turns, 16 bit a turn'
+lika-amm3619\t'Lika AMM3619/4096SC, 12 bit of turns, 19 bit a turn'
+lika-sma1\t'Lika SMA1, magnetic linear, 24 bit'
+resolute-18\t'Renishaw RESOLUTE, optical, 18 bit'
+resolute-26\t'Renishaw RESOLUTE, optical, 26 bit'
+resolute-32\t'Renishaw RESOLUTE, optical, 32 bit'
+resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
+siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'"
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s c -l clock -d 'The only frequency of MA to try' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s n -l count -d 'Frames, or on wave transfers, at each clock [default: 1000 in process, 100 over lines, 8 on wave]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
@@ -71,12 +93,15 @@ complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time 
 complete -c biss -n "__fish_biss_using_subcommand loopback" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s q -l quiet -d 'No summary on stderr'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from read list loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
-complete -c biss -n "__fish_biss_using_subcommand read loopback" -a "file:\t'VCD recording, - for standard input'
-gpio:\t'two GPIO lines'
-sim\t'simulated encoder'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand read" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
-wave:\t'spidev: MOSI is MA, MISO is SLO'"
+wave:\t'spidev: MOSI is MA, MISO is SLO'
+sim\t'simulated encoder'
+file:\t'VCD recording, - for standard input'"
+complete -c biss -n "__fish_biss_using_subcommand loopback" -a "sim\t'in process: every link’s way to clock, against the simulated slave'
+gpio:\t'jumpers from MA to ma-in and from slo-out to SLO'
+wave:\t'a jumper from MOSI to MISO: every bit must come back'"

@@ -220,7 +220,7 @@ pub(crate) struct List {
     #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]
     pub(crate) format: ReportFormat,
 
-    /// Free lines too, not only those in use; JSON has all of them anyway
+    /// Free lines too, and all about presets; JSON has everything anyway
     #[arg(short, long)]
     pub(crate) verbose: bool,
 }

@@ -3,7 +3,7 @@
 //! `BISS_BLESS=1 cargo test --bin biss generated` writes them anew.
 
 use super::Cli;
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Command, CommandFactory, ValueHint};
 use clap_complete::{Shell, generate};
 use clap_mangen::Man;
@@ -18,9 +18,10 @@ fn verbs() -> Vec<Command> {
     command.get_subcommands().cloned().collect()
 }
 
-/// A part of the text below the options: what stands between a title and the next one.
+/// A part of the text below the options: what stands between a title and the next one. A line that is not indented and
+/// does not end in a colon is a part of its own, without a title.
 struct Section {
-    title: String,
+    title: Option<String>,
     lines: Vec<Line>,
 }
 
@@ -70,10 +71,10 @@ fn sections(help: &str) -> Vec<Section> {
     let mut all: Vec<Section> = Vec::new();
     for line in help.lines().filter(|line| !line.is_empty()) {
         let Some((line, section)) = line.strip_prefix("  ").zip(all.last_mut()) else {
-            all.push(Section {
-                title: line.trim_end_matches(':').into(),
-                lines: Vec::new(),
-            });
+            let title = line.strip_suffix(':').map(str::to_owned);
+            let text = title.is_none().then(|| Line::Text(line.into()));
+            let lines = text.into_iter().collect();
+            all.push(Section { title, lines });
             continue;
         };
         match section.lines.last_mut() {
@@ -93,41 +94,41 @@ fn help_below(command: &Command) -> String {
 
 // --- completions ---
 
-/// How links begin, and what they are; what follows depends on the machine, and `biss list` tells it.
-fn links() -> Vec<(String, String)> {
-    let help = verbs().iter().map(help_below).collect::<String>();
-    let of_links = sections(&help)
-        .into_iter()
-        .filter(|section| section.title == "Links");
+/// How the links of a verb begin, and what they are; what follows depends on the machine, and `biss list` tells it.
+fn links(verb: &Command) -> Vec<(String, String)> {
+    let sections = sections(&help_below(verb)).into_iter();
+    let of_links = sections.filter(|section| section.title.as_deref() == Some("Links"));
     let lines = of_links.flat_map(|section| section.lines);
-    let mut links: Vec<(String, String)> = lines
+    let links: Vec<_> = lines
         .filter_map(|line| match line {
             Line::Pair(link, about) => {
-                let word = link.split(['[', ' ']).next()?;
-                let word = word.split_inclusive(':').next()?;
-                // A quote would end the shell's own.
-                let about = about.split(';').next()?.replace('\'', "");
+                let link = link.trim_start_matches("none, or ");
+                let word = link.split('[').next()?.split_inclusive(':').next()?;
+                // A straight quote would end the shell's own.
+                let about = about.split([';', '.']).next()?.replace('\'', "’");
                 Some((word.to_owned(), about))
             }
             Line::Text(_) => None,
         })
         .collect();
-    links.sort();
-    links.dedup_by(|a, b| a.0 == b.0);
-    assert!(links.len() >= 4, "{links:?}");
+    assert!(links.len() > 2, "{}: {links:?}", verb.get_name());
     links
 }
 
-fn takes_link(verb: &Command) -> bool {
-    verb.get_arguments().any(|arg| arg.get_id() == "link")
+fn verbs_with_links() -> Vec<Command> {
+    let takes_link = |verb: &Command| verb.get_arguments().any(|arg| arg.get_id() == "link");
+    verbs().into_iter().filter(takes_link).collect()
 }
 
 /// Shells offer the words of an argument, or nothing; without a hint some of them offer files.
 fn hinted(arg: Arg) -> Arg {
-    // clap wants words that live as long as the program does.
-    let words = links().into_iter().map(|(link, _)| &*link.leak());
     match arg.get_id().as_str() {
-        "link" => arg.value_parser(PossibleValuesParser::new(words.collect::<Vec<_>>())),
+        // Formats are free, presets have names.
+        "frame" => {
+            let presets = biss::preset::all().iter();
+            let named = presets.map(|preset| PossibleValue::new(preset.name).help(preset.about));
+            arg.value_parser(PossibleValuesParser::new(named))
+        }
         _ if arg.get_possible_values().is_empty() && arg.get_action().takes_values() => {
             arg.value_hint(ValueHint::Other)
         }
@@ -139,6 +140,14 @@ fn completions(shell: Shell) -> String {
     let mut command = Cli::command();
     for verb in verbs() {
         command = command.mut_subcommand(verb.get_name(), |verb| verb.mut_args(hinted));
+    }
+    for verb in verbs_with_links() {
+        // clap wants words that live as long as the program does.
+        let words = links(&verb).into_iter().map(|(link, _)| &*link.leak());
+        let words = PossibleValuesParser::new(words.collect::<Vec<_>>());
+        command = command.mut_subcommand(verb.get_name(), |verb| {
+            verb.mut_arg("link", |link| link.value_parser(words))
+        });
     }
     let mut script = Vec::new();
     generate(shell, &mut command, "biss", &mut script);
@@ -176,41 +185,49 @@ if [[ \"${BASH_VERSINFO";
 
 /// No space behind `gpio:`, and files behind `file:`.
 fn zsh(script: &str) -> String {
-    let links = links();
-    let words: Vec<String> = links
-        .iter()
-        .map(|(link, _)| link.replace(':', "\\:"))
-        .collect();
-    let script = replace(script, &format!(":({})'", words.join(" ")), ":_biss_links'");
-    let mut own = String::from(
-        "_biss_links() {\n    if compset -P 'file:'; then\n        _files\n        return\n    fi\n    local -a links=(\n",
-    );
-    for ((_, about), word) in links.iter().zip(words) {
-        own.push_str(&format!("        '{word}:{about}'\n"));
+    let mut script = script.to_owned();
+    let mut own = String::new();
+    for verb in verbs_with_links() {
+        let (name, links) = (verb.get_name(), links(&verb));
+        let words = links.iter().map(|(link, _)| link.replace(':', "\\:"));
+        let words: Vec<String> = words.collect();
+        let old = format!(":({})'", words.join(" "));
+        assert!(
+            script.contains(&old),
+            "clap_complete no longer writes {old}"
+        );
+        script = script.replacen(&old, &format!(":_biss_{name}_links'"), 1);
+        own.push_str(&format!("_biss_{name}_links() {{\n"));
+        if links.iter().any(|(link, _)| link == "file:") {
+            own.push_str(
+                "    if compset -P 'file:'; then\n        _files\n        return\n    fi\n",
+            );
+        }
+        own.push_str("    local -a links=(\n");
+        for ((_, about), word) in links.iter().zip(words) {
+            own.push_str(&format!("        '{word}:{about}'\n"));
+        }
+        own.push_str("    )\n    _describe -t links 'link' links -S ''\n}\n\n");
     }
-    own.push_str("    )\n    _describe -t links 'link' links -S ''\n}\n\n");
-    replace(
-        &script,
-        "if [ \"$funcstack[1]\"",
-        &format!("{own}if [ \"$funcstack[1]\""),
-    )
+    let last = "if [ \"$funcstack[1]\"";
+    replace(&script, last, &format!("{own}{last}"))
 }
 
 /// The links, which clap_complete leaves out here.
 fn fish(script: &str) -> String {
-    let links: Vec<String> = links()
-        .iter()
-        .map(|(link, about)| format!("{link}\\t'{about}'"))
-        .collect();
-    let links = links.join("\n");
-    let verbs = verbs();
-    let with_link = verbs
-        .iter()
-        .filter(|verb| takes_link(verb))
-        .map(Command::get_name);
-    let names = with_link.collect::<Vec<_>>().join(" ");
-    let condition = format!("__fish_biss_using_subcommand {names}");
-    format!("{script}complete -c biss -n \"{condition}\" -a \"{links}\"\n")
+    let mut script = script.to_owned();
+    for verb in verbs_with_links() {
+        let links = links(&verb);
+        let links = links
+            .iter()
+            .map(|(link, about)| format!("{link}\\t'{about}'"));
+        let links = links.collect::<Vec<_>>().join("\n");
+        let condition = format!("__fish_biss_using_subcommand {}", verb.get_name());
+        script.push_str(&format!(
+            "complete -c biss -n \"{condition}\" -a \"{links}\"\n"
+        ));
+    }
+    script
 }
 
 // --- man page ---
@@ -352,7 +369,9 @@ fn man_page() -> String {
         page.options(verb, "SS");
         let help = help_below(verb);
         for section in sections(&help) {
-            page.control("SS", &[&section.title]);
+            if let Some(title) = &section.title {
+                page.control("SS", &[title]);
+            }
             page.lines(&section);
         }
     }
@@ -400,7 +419,9 @@ fn ending(page: &mut Page, command: &Command, verbs: &[Command]) {
         .for_each(|(path, about)| page.item(italic(*path), about));
     let help = help_below(command);
     for section in sections(&help) {
-        page.control("SH", &[&section.title.to_uppercase()]);
+        if let Some(title) = &section.title {
+            page.control("SH", &[&title.to_uppercase()]);
+        }
         page.lines(&section);
     }
     page.control("SH", &["SEE ALSO"]);

@@ -11,6 +11,7 @@ use crate::output::list::{
 };
 use anyhow::{Result, anyhow};
 use biss::link::{self, Uapi, gpio};
+use biss::preset;
 use std::fs::{self, OpenOptions};
 use std::io;
 use std::os::unix::fs::MetadataExt;
@@ -63,7 +64,19 @@ fn ask(path: &Path) -> Result<ChipInside, link::Error> {
 }
 
 fn presets() -> Vec<Preset> {
-    Vec::new()
+    let presets = preset::all().iter().map(|preset| Preset {
+        name: preset.name,
+        about: preset.about,
+        frame: preset.format,
+        clock_min_hz: preset.clock_min.map(|clock| clock.0),
+        clock_max_hz: preset.clock_max.map(|clock| clock.0),
+        timeout: preset.timeout.map(|timeout| timeout.to_string()),
+        interval_ns: preset.interval.map(|interval| interval.0),
+        power_on_ns: preset.power_on.map(|power_on| power_on.0),
+        source: preset.source,
+        note: preset.note,
+    });
+    presets.collect()
 }
 
 /// Where the machine shows itself, and how its devices are tried.
@@ -580,7 +593,10 @@ mod tests {
         fn text(&self) -> String {
             let report = self.report();
             let text = report.render(ReportFormat::Text, false).unwrap();
-            text.replacen(std::env::consts::ARCH, "ARCH", 1)
+            // The presets are every machine's.
+            let (own, presets) = text.split_once("\nPresets").unwrap();
+            let (_, hint) = presets.split_once("\n\n").unwrap_or_default();
+            own.replacen(std::env::consts::ARCH, "ARCH", 1) + hint
         }
     }
 
@@ -759,6 +775,34 @@ Settings
     }
 
     #[test]
+    fn presets_come_with_what_their_sheets_say() {
+        let report = Fake::new(&[]).report();
+        let short = report.render(ReportFormat::Text, false).unwrap();
+        let long = report.render(ReportFormat::Text, true).unwrap();
+        let json = report.render(ReportFormat::Json, false).unwrap();
+        for preset in preset::all() {
+            assert!(short.contains(&format!("\n  {}  ", preset.name)), "{short}");
+            assert!(
+                short.contains(preset.about) && !short.contains(preset.source),
+                "{short}"
+            );
+            for part in [preset.format, preset.source, preset.note] {
+                assert!(long.contains(part), "{long}");
+            }
+            let name = format!("{{\"type\":\"list-preset\",\"name\":\"{}\"", preset.name);
+            let line = json.lines().find(|line| line.starts_with(&name)).unwrap();
+            let record: serde_json::Value = serde_json::from_str(line).unwrap();
+            assert_eq!(record["frame"], preset.format);
+            let clock = preset.clock_max.map(|clock| clock.0);
+            assert_eq!(record["clock_max_hz"].as_u64(), clock.map(u64::from));
+            assert_eq!(
+                record["interval_ns"].as_u64(),
+                preset.interval.map(|time| time.0)
+            );
+        }
+    }
+
+    #[test]
     fn a_laptop_is_told_what_works_without() {
         let fake = Fake::new(&[
             ("sys/class/dmi/id/sys_vendor", "LENOVO\n"),
@@ -775,7 +819,6 @@ GPIO
 
 SPI
   this machine has no SPI controller
-
 Nothing to connect an encoder to; `biss read sim` needs none.
 "
         );

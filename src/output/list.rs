@@ -1,6 +1,7 @@
 //! What `biss list` found, for people and for scripts.
 
 use crate::cli::ReportFormat;
+use biss::unit::{Hertz, Nanos};
 use serde::Serialize;
 use std::fmt::{self, Display};
 
@@ -116,12 +117,25 @@ pub(crate) struct Setting {
     pub(crate) fix: Option<String>,
 }
 
-/// An encoder with a name.
+/// An encoder with a name. What its sheet does not say is absent.
 #[derive(Debug, Serialize)]
 pub(crate) struct Preset {
-    pub(crate) name: String,
-    pub(crate) about: String,
-    pub(crate) frame: String,
+    pub(crate) name: &'static str,
+    pub(crate) about: &'static str,
+    pub(crate) frame: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) clock_min_hz: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) clock_max_hz: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) timeout: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) interval_ns: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) power_on_ns: Option<u64>,
+    pub(crate) source: &'static str,
+    #[serde(skip_serializing_if = "str::is_empty")]
+    pub(crate) note: &'static str,
 }
 
 /// One line of `-o json`.
@@ -187,7 +201,7 @@ impl<T> Access<T> {
 }
 
 impl Report {
-    /// All of it in one format. Free lines are counted in text, unless `all` wants each.
+    /// All of it in one format. Text counts free lines and names presets, unless `all` wants everything of them.
     pub(crate) fn render(&self, format: ReportFormat, all: bool) -> serde_json::Result<String> {
         match format {
             ReportFormat::Text => Ok(Text { report: self, all }.to_string()),
@@ -389,19 +403,46 @@ impl Text<'_> {
 
     fn presets(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let presets = &self.report.presets;
-        if !presets.is_empty() {
-            f.write_str("\nPresets, for -f\n")?;
-        }
-        let widest = |of: fn(&Preset) -> usize| presets.iter().map(of).max().unwrap_or_default();
-        let name = widest(|preset| preset.name.len());
-        let frame = widest(|preset| preset.frame.len());
+        f.write_str("\nPresets, for -f")?;
+        f.write_str(if self.all {
+            "\n"
+        } else {
+            "; -v has their frames, limits and sources\n"
+        })?;
+        let widest = presets.iter().map(|preset| preset.name.len()).max();
+        let width = widest.unwrap_or_default();
         for preset in presets {
-            writeln!(
-                f,
-                "  {:name$}  {:frame$}  {}",
-                preset.name, preset.frame, preset.about
-            )?;
+            writeln!(f, "  {:width$}  {}", preset.name, preset.about)?;
+            if self.all {
+                preset.more(f)?;
+            }
         }
         Ok(())
+    }
+}
+
+impl Preset {
+    fn more(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "    {}", self.frame)?;
+        match (self.clock_min_hz.map(Hertz), self.clock_max_hz.map(Hertz)) {
+            (Some(min), Some(max)) => write!(f, "; clock {min} to {max}")?,
+            (Some(min), None) => write!(f, "; clock from {min}")?,
+            (None, Some(max)) => write!(f, "; clock up to {max}")?,
+            (None, None) => {}
+        }
+        if let Some(timeout) = &self.timeout {
+            write!(f, "; timeout {timeout}")?;
+        }
+        if let Some(interval) = self.interval_ns.map(Nanos) {
+            write!(f, "; interval from {interval}")?;
+        }
+        if let Some(power_on) = self.power_on_ns.map(Nanos) {
+            write!(f, "; ready {power_on} after power-on")?;
+        }
+        writeln!(f, "\n    source: {}", self.source)?;
+        match self.note {
+            "" => Ok(()),
+            note => writeln!(f, "    {note}"),
+        }
     }
 }
