@@ -202,7 +202,7 @@ fn line(chip: &ChipInfo, offset: u32, uapi: Uapi) -> Result<LineInfo, Refusal> {
 fn asking(chip: &ChipInfo) -> impl Fn(Refusal) -> Error {
     move |refusal| {
         let doing = format!("asking {} about its lines", chip.name);
-        refusal.into_error(doing, "check the chip with `gpioinfo`")
+        refusal.into_error(doing, "`biss list` shows what the chip says")
     }
 }
 
@@ -324,7 +324,7 @@ pub fn find(chips: &[ChipInfo], wanted: &str, uapi: Uapi) -> Result<Place, Error
         0 => Err(Error::new(
             doing,
             "no line has this name",
-            "`gpioinfo` lists names; a number needs its chip: gpio:0,ma=17,slo=27",
+            "`biss list -v` shows names; a number needs its chip: gpio:0,ma=17,slo=27",
         )),
         _ => {
             let all: Vec<_> = found.iter().map(|place| place.shown.as_str()).collect();
@@ -408,9 +408,9 @@ impl Place {
             Ok((held, pull)) => Ok(Line { held, role, pull }),
             Err(refusal) => {
                 let hint = match refusal.errno {
-                    Some(EBUSY) => "somebody else took it just now; `gpioinfo` shows who",
+                    Some(EBUSY) => "somebody else took it just now; `biss list` shows who",
                     Some(EACCES | EPERM) => NO_PERMISSION,
-                    _ => "check the line with `gpioinfo`",
+                    _ => "`biss list -v` shows what the line says",
                 };
                 Err(refusal.into_error(doing, hint))
             }
