@@ -68,6 +68,14 @@ pub enum Fault {
         /// Most learned.
         high: u16,
     },
+    /// The line delay differs by more than a clock from what this line has shown: what answered may be an earlier
+    /// frame, or a bit of one.
+    Delay {
+        /// In this frame.
+        ns: u32,
+        /// Learned.
+        learned_ns: u32,
+    },
 }
 
 impl Fault {
@@ -102,7 +110,7 @@ impl Fault {
             Fault::Null => 6,
             Fault::Stalled { .. } => 7,
             Fault::Life { .. } => 8,
-            Fault::Mismatch { .. } => 9,
+            Fault::Mismatch { .. } | Fault::Delay { .. } => 9,
         }
     }
 
@@ -141,6 +149,10 @@ impl Fault {
                 Some(("min_clk", low.into())),
                 Some(("max_clk", high.into())),
             ],
+            // The frame's own stands in its record.
+            Fault::Delay { learned_ns, .. } => {
+                [Some(("learned_ns", learned_ns.into())), None, None]
+            }
         };
         list.into_iter().flatten()
     }
@@ -195,6 +207,12 @@ impl fmt::Display for Fault {
                     high + 2
                 )
             }
+            Fault::Delay { ns, learned_ns } => write!(
+                f,
+                ": line delay {:.2} us, learned {:.2} us",
+                us(ns.into()),
+                us(learned_ns.into())
+            ),
         }
     }
 }

@@ -229,11 +229,7 @@ impl<'a> Master<'a> {
             if !self.attempt(at_ns)? {
                 return Ok(Slot::Ended);
             }
-            if let Some(cut) = self
-                .trace
-                .cut
-                .filter(|_| matches!(self.cycle.fault(), Some(Fault::Short { .. })))
-            {
+            if let Some(cut) = self.piece() {
                 return Ok(Slot::Piece(cut));
             }
             tries += 1;
@@ -261,6 +257,15 @@ impl<'a> Master<'a> {
         }
         self.count_faults()?;
         Ok(Slot::Done { tries })
+    }
+
+    /// Whether this is no whole cycle, or may be the rest of one.
+    fn piece(&self) -> Option<Cut> {
+        match self.cycle.fault() {
+            Some(Fault::Short { .. }) => self.trace.cut,
+            None => self.trace.unconfirmed.then_some(Cut::Begin),
+            Some(_) => None,
+        }
     }
 
     fn retries_for(&self, fault: Fault) -> u32 {
@@ -306,7 +311,10 @@ impl<'a> Master<'a> {
     }
 
     fn judge(&mut self) -> Option<Fault> {
-        match self.tracker.judge(self.protocol.format(), &mut self.cycle) {
+        match self
+            .tracker
+            .judge(self.protocol.format(), &self.trace, &mut self.cycle)
+        {
             Verdict::Stands => None,
             Verdict::Doubtful(fault) => {
                 self.unsettled = true;
@@ -382,7 +390,7 @@ impl<'a> Master<'a> {
         // A stall, and a busy time that wanders, say nothing about the phase.
         let of_phase = !matches!(
             self.fault(),
-            Some(Fault::Stalled { .. } | Fault::Mismatch { .. })
+            Some(Fault::Stalled { .. } | Fault::Mismatch { .. } | Fault::Delay { .. })
         );
         self.faults_in_row += u32::from(of_phase);
         if self.faults_in_row >= self.patience && !self.link.caps().phases.is_empty() {

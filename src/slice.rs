@@ -2,8 +2,25 @@
 //!
 //! A cycle ends where the slave says so, when SL returns to 1 while MA rests, or when MA has rested longer than
 //! any timeout. A pause that is neither stays inside its cycle, where it is found as a stall.
+//!
+//! Time stamps from a sampled recording are late by up to a sample, q, each. In clocks, at eight samples a clock:
+//!
+//! | a bit is read at the Ack edge + n clocks + 1/2 | |
+//! | --- | --- |
+//! | to the nearest bit edge | 1/2 |
+//! | bit edges against Ack, as far as D2 Table 10 lets them | -1/4 |
+//! | stamps of the Ack and the bit edge, against each other | -q = -1/8 |
+//! | stamps of rising edges 2 and n + 2, against each other | -q = -1/8 |
+//! | left | 0 |
+//!
+//! A line through all rising edges takes most of the last -1/8 away where the clock is constant; where it is not,
+//! edges are taken one by one.
+//! The same sum parts a bit from SL = 1: after the last rising edge and the line delay a bit comes at most 1/4 + 2q = 1/2
+//! later, SL = 1 of an adaptive slave at least 3/2 - 1/4 - 2q = 1 later. Without line delay the next
+//! bit is no later than that, but with its own edge, or a sample before it where the analyser's channels are not quite in
+//! step.
 
-use crate::limits::{LINE_DELAY_MAX_NS, TIMEOUT_MIN_NS};
+use crate::limits::{CLOCK_MIN_HZ, LINE_DELAY_MAX_NS, TIMEOUT_MIN_NS};
 use crate::trace::{Cut, MAX_CLOCKS, Trace};
 use std::collections::VecDeque;
 
@@ -13,17 +30,22 @@ use std::collections::VecDeque;
 pub struct Slicer {
     timeout_ns: u64,
     t_ns: u64,
-    begun: Option<u64>,
+    begun: bool,
     ma: bool,
     /// `None` where the recording shows neither 0 nor 1.
     slo: Option<bool>,
     state: State,
     cycle: Edges,
+    /// SL rose as at the end of a cycle: it was that, unless MA rises with it.
+    let_go: Option<u64>,
     done: VecDeque<Edges>,
+    /// So many at the end of `done` wait for the next ones to confirm them.
+    held: usize,
     spare: Vec<Edges>,
-    /// The cycle before has ended, or MA has rested for longer than any timeout: the next falling edge begins a cycle
-    /// for certain.
-    rested: bool,
+    /// MA's last edge, or where it was first seen.
+    moved_ns: u64,
+    /// What the next falling edge begins.
+    begin: Begin,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,15 +58,80 @@ enum State {
     Running,
 }
 
+/// What is known of the place where a cycle begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Begin {
+    /// Nothing: the recording begins inside it.
+    #[default]
+    Unknown,
+    /// MA may have paused there: SL = 1 came later than the line delay, but that was measured on a piece.
+    Likely,
+    /// MA rested for longer than any timeout, or the line delay is known.
+    Certain,
+}
+
+/// Rising edges at a constant clock: the line through all of them.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    first_ns: f64,
+    period_ns: f64,
+}
+
+impl Line {
+    /// Least squares. `None` where an edge is farther from the line than eight samples a clock explain: a pause is
+    /// never smoothed over.
+    fn through(rises: &[u64]) -> Option<Line> {
+        let [origin, _, _, ..] = rises else {
+            return None;
+        };
+        let n = rises.len() as f64;
+        let middle = (n - 1.0) / 2.0;
+        let (mut sum, mut slope) = (0.0, 0.0);
+        for (index, rise) in rises.iter().enumerate() {
+            let t_ns = (rise - origin) as f64;
+            sum += t_ns;
+            slope += (index as f64 - middle) * t_ns;
+        }
+        let period_ns = slope * 12.0 / (n * (n * n - 1.0));
+        let first_ns = sum / n - middle * period_ns;
+        // Whole nanoseconds are a sample too.
+        let most = period_ns / 8.0 + 1.0;
+        let straight = rises.iter().enumerate().all(|(index, rise)| {
+            let t_ns = (rise - origin) as f64;
+            (t_ns - first_ns - index as f64 * period_ns).abs() <= most
+        });
+        let first_ns = first_ns + *origin as f64;
+        straight.then_some(Line {
+            first_ns,
+            period_ns,
+        })
+    }
+
+    /// Rising edges count from 0 here.
+    fn at(&self, index: usize) -> f64 {
+        self.first_ns + index as f64 * self.period_ns
+    }
+}
+
+/// By how much a rest may be shorter than its stamps say: a sample, of eight at the slowest clock.
+const STAMP_MAX_NS: u64 = 1_000_000_000 / (CLOCK_MIN_HZ as u64 * 8) + 1;
+
+/// So many likely cycles in a row with the same line delay are certain. Pieces measure a delay too, and all bits of a line
+/// stand at the same place in a clock: two or three that agree were met, by chance, in millions of recordings.
+const CONFIRMING: usize = 4;
+
 /// One cycle's edges as recorded, times in ns.
 #[derive(Debug, Default)]
 struct Edges {
     idle: Option<bool>,
-    idle_since: Option<u64>,
-    headless: bool,
+    /// How long MA had been at rest.
+    rest_ns: u64,
+    begin: Begin,
     tailless: bool,
     falls: Vec<u64>,
     rises: Vec<u64>,
+    /// Shortest rise-to-rise time.
+    shortest_ns: Option<u64>,
     /// SL changes, the first entry is the level when the cycle began.
     slo: Vec<(u64, Option<bool>)>,
     /// Until then an Ack may belong to the cycle before, from which this one was split by a pause, because nothing had
@@ -77,15 +164,21 @@ impl Edges {
         self.rises.last().copied().max(self.falls.last().copied())
     }
 
-    /// Median of the rise-to-rise times: one pause does not change it.
+    /// Mean of the rise-to-rise times about their median: one pause does not change it.
     fn period(&self) -> Option<u64> {
-        let mut spans: Vec<u64> = self
-            .rises
-            .windows(2)
-            .map(|pair| pair[1] - pair[0])
-            .collect();
-        let middle = spans.len() / 2;
-        (!spans.is_empty()).then(|| *spans.select_nth_unstable(middle).1)
+        if let Some(line) = Line::through(&self.rises) {
+            return Some(line.period_ns.round() as u64);
+        }
+        let spans = || self.rises.windows(2).map(|pair| pair[1] - pair[0]);
+        let mut sorted: Vec<u64> = spans().collect();
+        if sorted.is_empty() {
+            return None;
+        }
+        let middle = sorted.len() / 2;
+        let median = *sorted.select_nth_unstable(middle).1;
+        let usual = spans().filter(|span| span.abs_diff(median) <= median / 4);
+        let (count, sum) = usual.fold((0, 0), |(count, sum), span| (count + 1, sum + span));
+        Some(sum / count)
     }
 
     /// SL falling after the second rising edge (D2, p. 8).
@@ -104,9 +197,32 @@ impl Edges {
         Some(t - second)
     }
 
-    /// Whether SL was seen at 0 since the cycle began: there is something that a pause could cut.
-    fn acked(&self) -> bool {
-        self.slo.iter().any(|(_, level)| *level == Some(false))
+    /// When SL was first 0 since the cycle began: before that there is nothing that a pause could cut.
+    fn answered(&self) -> Option<u64> {
+        let fall = |(t_ns, level): &(u64, Option<bool>)| (*level == Some(false)).then_some(*t_ns);
+        self.slo.iter().find_map(fall)
+    }
+
+    /// The latest edge that may have asked for an Ack, MA falling again at `t_ns`. After a pause the slave may have
+    /// begun anew at any edge, even the last one: then its second one is still to come.
+    fn asked_by(&self, t_ns: u64) -> u64 {
+        let period = self.period().unwrap_or(0);
+        let (Some(fall), [first, second, ..]) = (self.falls.first(), &self.rises[..]) else {
+            return t_ns + period;
+        };
+        let paused = Line::through(&self.rises).is_none() || first.saturating_sub(*fall) > period;
+        if paused || self.begin != Begin::Certain {
+            return t_ns + period;
+        }
+        *second
+    }
+
+    /// SL fell before anything had been asked: bits of an earlier cycle are still under way.
+    fn overtaken(&self, period: u64) -> bool {
+        let asked = self.rises.get(1).or(self.rises.last());
+        self.answered()
+            .zip(asked)
+            .is_some_and(|(answered, asked)| answered + skew(period) < *asked)
     }
 }
 
@@ -117,14 +233,17 @@ impl Slicer {
         Slicer {
             timeout_ns: timeout_max_ns,
             t_ns: 0,
-            begun: None,
+            begun: false,
             ma: true,
             slo: None,
             state: State::Rest,
             cycle: Edges::default(),
+            let_go: None,
             done: VecDeque::new(),
+            held: 0,
             spare: Vec::new(),
-            rested: false,
+            moved_ns: 0,
+            begin: Begin::Unknown,
         }
     }
 
@@ -132,9 +251,9 @@ impl Slicer {
     /// backwards are taken for the last one.
     pub fn push(&mut self, t_ns: u64, ma: bool, slo: Option<bool>) {
         let t_ns = t_ns.max(self.t_ns);
-        if self.begun.is_none() {
-            (self.begun, self.ma, self.slo) = (Some(t_ns), ma, slo);
-            self.cycle.idle_since = Some(t_ns);
+        if !self.begun {
+            (self.begun, self.ma, self.slo) = (true, ma, slo);
+            self.moved_ns = t_ns;
         }
         self.settle(t_ns);
         self.t_ns = t_ns;
@@ -149,8 +268,8 @@ impl Slicer {
     /// From `t_ns` on MA is not known: what runs is cut, and what comes next begins like a recording.
     pub fn gap(&mut self, t_ns: u64) {
         self.finish(t_ns);
-        self.begun = None;
-        self.rested = false;
+        self.begun = false;
+        self.begin = Begin::Unknown;
     }
 
     /// The recording is over at `t_ns`.
@@ -158,14 +277,21 @@ impl Slicer {
         let t_ns = t_ns.max(self.t_ns);
         self.settle(t_ns);
         self.t_ns = t_ns;
+        if let Some(at) = self.let_go {
+            self.ready(at);
+        }
         if self.state != State::Rest {
             self.cycle.tailless = true;
             self.end(t_ns, None);
         }
+        self.held = 0;
     }
 
     /// The next finished cycle, written to `trace`. False when there is none yet.
     pub fn take(&mut self, trace: &mut Trace) -> bool {
+        if self.done.len() <= self.held {
+            return false;
+        }
         let Some(mut edges) = self.done.pop_front() else {
             return false;
         };
@@ -175,20 +301,33 @@ impl Slicer {
         true
     }
 
+    /// A rest of MA that ends every frame, and after which no bit is on its way.
+    fn longest_rest(&self) -> u64 {
+        self.timeout_ns
+            .max(LINE_DELAY_MAX_NS)
+            .saturating_add(STAMP_MAX_NS)
+    }
+
     /// Ends the cycle when MA has rested long enough by `t_ns`.
     fn settle(&mut self, t_ns: u64) {
-        let since = self.cycle.last_edge().or(self.begun).unwrap_or(t_ns);
-        let delay = match self.cycle.headless {
-            true => LINE_DELAY_MAX_NS,
-            false => self.cycle.delay().unwrap_or(0).min(LINE_DELAY_MAX_NS),
-        };
-        let limit = self.timeout_ns.saturating_add(delay);
-        if t_ns.saturating_sub(since) <= limit {
+        if self.state == State::Rest {
             return;
         }
-        match self.state {
-            State::Rest => self.rested = true,
-            State::Armed | State::Running => self.end(since.saturating_add(limit), Some(!self.ma)),
+        if let Some(at) = self
+            .let_go
+            .filter(|at| t_ns - at > skew(self.cycle.period().unwrap_or(0)))
+        {
+            self.ready(at);
+            return;
+        }
+        let timeout = self.timeout_ns.saturating_add(STAMP_MAX_NS);
+        let limit = match (self.cycle.begin, self.cycle.delay()) {
+            (Begin::Unknown, _) => timeout.saturating_add(LINE_DELAY_MAX_NS),
+            (_, Some(delay)) => timeout.saturating_add(delay.min(LINE_DELAY_MAX_NS)),
+            (_, None) => self.longest_rest(),
+        };
+        if t_ns.saturating_sub(self.moved_ns) > limit {
+            self.end(self.moved_ns.saturating_add(limit), Some(!self.ma));
         }
     }
 
@@ -199,105 +338,160 @@ impl Slicer {
         }
         self.cycle.slo.push((t_ns, level));
         if level == Some(true) && self.slave_let_go(t_ns) {
-            let since = self.cycle.last_edge().unwrap_or(t_ns);
-            self.cycle.ready_ns = Some(t_ns - since);
-            self.end(t_ns, Some(!self.ma));
+            self.let_go = Some(t_ns);
         }
     }
 
-    /// SL rises although no rising edge is left that could have set it: later than the line delay and a good
-    /// quarter of a clock after the last one.
+    fn ready(&mut self, at_ns: u64) {
+        let since = self.cycle.last_edge().unwrap_or(at_ns);
+        self.cycle.ready_ns = Some(at_ns - since);
+        self.end(at_ns, Some(!self.ma));
+    }
+
+    /// SL rises although no rising edge is left that could have set it: between a bit that is half a clock late and
+    /// the earliest SL = 1 of an adaptive slave.
     fn slave_let_go(&self, t_ns: u64) -> bool {
-        let [.., before, last] = self.cycle.rises[..] else {
+        let (Some(last), Some(shortest)) = (self.cycle.rises.last(), self.cycle.shortest_ns) else {
             return false;
         };
-        let rest = t_ns - last;
-        if rest <= (last - before) / 2 {
+        let (rest, delay) = (t_ns - last, self.cycle.delay().unwrap_or(0));
+        let known = self.cycle.begin != Begin::Unknown;
+        if rest <= shortest / 2 || known && rest <= delay + shortest / 2 {
             return false;
         }
         let Some(period) = self.cycle.period() else {
             return false;
         };
-        let mut delay = self.cycle.delay().unwrap_or(0);
-        if self.cycle.headless {
-            // Measured from an edge that was hardly the second one of its frame.
-            delay = delay.min(4 * period);
+        if known {
+            return rest > delay + period * 3 / 4;
         }
-        rest > delay + period + period / 4
+        // The delay was measured from an edge that was hardly the second one of its frame.
+        rest > period * 5 / 4
     }
 
     fn ma_changes(&mut self, t_ns: u64, ma: bool) {
+        if let Some(at) = self.let_go.take().filter(|_| !ma) {
+            self.ready(at);
+        }
         self.ma = ma;
+        let rest_ns = t_ns - self.moved_ns;
+        self.moved_ns = t_ns;
+        if self.state == State::Rest && rest_ns > self.longest_rest() {
+            self.begin = Begin::Certain;
+        }
         // Nothing has answered yet: a rest of three clocks begins anew, else frames without an encoder would run
         // into one. Unless the Ack of the old one is only late.
         let mut suspect = None;
-        if self.state == State::Running && !ma && !self.cycle.acked() {
+        if self.state == State::Running && !ma && self.cycle.answered().is_none() {
             let rest = t_ns - self.cycle.rises.last().copied().unwrap_or(t_ns);
             if self.cycle.period().is_some_and(|period| rest > 3 * period) {
-                let asked = self.cycle.rises.get(1).or(self.cycle.rises.last());
-                suspect = asked
-                    .map(|t| (t.saturating_add(LINE_DELAY_MAX_NS), rest))
-                    .max(self.cycle.suspect);
+                let until = self.cycle.asked_by(t_ns).saturating_add(LINE_DELAY_MAX_NS);
+                suspect = Some((until, rest)).max(self.cycle.suspect);
                 self.end(t_ns, None);
             }
         }
         match (self.state, ma) {
             (State::Rest, false) => {
-                self.arm(t_ns);
+                self.arm(t_ns, rest_ns);
                 self.cycle.suspect = suspect;
             }
             (State::Rest, true) => {}
             (State::Armed | State::Running, false) => self.cycle.falls.push(t_ns),
-            (State::Armed | State::Running, true) => {
-                self.state = State::Running;
-                let full = self.cycle.rises.len() >= MAX_CLOCKS;
-                if let [.., before, last] = &mut self.cycle.rises[..] {
-                    if full {
-                        // Longer than any frame: the last two are kept, and the gap before them is a stall.
-                        (*before, *last) = (*last, t_ns);
-                        return;
-                    }
-                }
-                self.cycle.rises.push(t_ns);
-            }
+            (State::Armed | State::Running, true) => self.rise(t_ns),
         }
     }
 
-    fn arm(&mut self, t_ns: u64) {
+    fn rise(&mut self, t_ns: u64) {
+        self.state = State::Running;
+        let rises = &mut self.cycle.rises;
+        let span = rises.last().map(|last| t_ns - last);
+        self.cycle.shortest_ns = self.cycle.shortest_ns.or(span).min(span);
+        let full = rises.len() >= MAX_CLOCKS;
+        if let [.., before, last] = &mut rises[..] {
+            if full {
+                // Longer than any frame: the last two are kept, and the gap before them is a stall.
+                (*before, *last) = (*last, t_ns);
+                return;
+            }
+        }
+        rises.push(t_ns);
+    }
+
+    fn arm(&mut self, t_ns: u64, rest_ns: u64) {
         self.state = State::Armed;
         self.cycle.idle = self.slo;
-        self.cycle.headless = !self.rested;
+        self.cycle.rest_ns = rest_ns;
+        self.cycle.begin = self.begin;
         self.cycle.slo.push((t_ns, self.slo));
         self.cycle.falls.push(t_ns);
     }
 
     fn end(&mut self, t_ns: u64, cdm: Option<bool>) {
         let mut edges = std::mem::replace(&mut self.cycle, self.spare.pop().unwrap_or_default());
+        self.let_go = None;
         edges.end_ns = t_ns;
         edges.cdm = cdm;
-        if edges.headless {
+        let period = edges.period();
+        if edges.begin == Begin::Unknown {
             // Only the recording's own beginning tells: MA at rest for longer than a frame may pause, SL high.
-            let (first, before) = (edges.falls.first().copied(), edges.idle_since);
-            let rest = first.zip(before).map(|(first, before)| first - before);
-            let needed = edges
-                .period()
-                .map(|period| TIMEOUT_MIN_NS.max(period + period / 2));
-            let rested = rest.zip(needed).is_some_and(|(rest, needed)| rest > needed);
-            edges.headless = edges.idle != Some(true) || !rested;
+            let needed = period.map(|period| TIMEOUT_MIN_NS.max(period + period / 2));
+            if edges.idle == Some(true) && needed.is_some_and(|needed| edges.rest_ns > needed) {
+                edges.begin = Begin::Likely;
+            }
         }
-        let answered = edges.slo.iter().find(|(_, level)| *level == Some(false));
+        let answered = edges.answered();
         edges.suspect = edges
             .suspect
-            .filter(|(until, _)| answered.is_some_and(|(t, _)| t <= until));
-        if !edges.rises.is_empty() {
-            self.done.push_back(edges);
-        } else {
+            .filter(|(until, _)| answered.is_some_and(|t_ns| t_ns <= *until));
+        let overtaken = edges.overtaken(period.unwrap_or(0));
+        if overtaken && edges.begin == Begin::Likely {
+            edges.begin = Begin::Unknown;
+        }
+        let delay = edges
+            .delay()
+            .filter(|_| edges.suspect.is_none() && !overtaken);
+        self.state = State::Rest;
+        if edges.rises.is_empty() {
             edges.clear();
             self.spare.push(edges);
+            self.begin = self.begin.max(Begin::Likely);
+            return;
         }
-        self.rested = true;
-        self.state = State::Rest;
+        self.confirm(&mut edges, delay, period);
+        // An answer that is missing cannot mislead; one that may be another's can.
+        let known = edges.begin == Begin::Certain && (delay.is_some() || answered.is_none());
+        self.begin = if known { Begin::Certain } else { Begin::Likely };
+        self.done.push_back(edges);
     }
+
+    /// Cycles in a row with the same line delay, each measured on its own, began where they seem to.
+    fn confirm(&mut self, edges: &mut Edges, delay: Option<u64>, period: Option<u64>) {
+        let (Some(delay), Some(period)) = (delay, period) else {
+            self.held = 0;
+            return;
+        };
+        let held = self.done.len() - self.held..;
+        let alike = |other: &Edges| {
+            let other = other.delay().unwrap_or(u64::MAX);
+            other.abs_diff(delay) <= period / 2 + 1
+        };
+        if edges.begin == Begin::Unknown || !self.done.range(held.clone()).all(alike) {
+            self.held = 0;
+        } else if edges.begin == Begin::Certain || self.held + 1 >= CONFIRMING {
+            for other in self.done.range_mut(held) {
+                other.begin = Begin::Certain;
+            }
+            edges.begin = Begin::Certain;
+            self.held = 0;
+            return;
+        }
+        self.held += usize::from(edges.begin == Begin::Likely);
+    }
+}
+
+/// By how much two channels of an analyser may be out of step: a sample.
+fn skew(period: u64) -> u64 {
+    period / 8 + 1
 }
 
 /// One level a rising edge, in the middle of the bit it set.
@@ -313,13 +507,15 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     trace.misplaced_ns = edges
         .suspect
         .map(|(_, pause)| u32::try_from(pause).unwrap_or(u32::MAX));
-    trace.cut = match (edges.headless, edges.tailless) {
-        (true, _) => Some(Cut::Begin),
-        (false, true) => Some(Cut::End),
-        (false, false) => None,
+    trace.cut = match (edges.begin, edges.tailless) {
+        (Begin::Unknown, _) => Some(Cut::Begin),
+        (_, true) => Some(Cut::End),
+        _ => None,
     };
+    trace.unconfirmed = edges.begin == Begin::Likely;
     trace.cdm = edges.cdm;
     trace.ready_ns = edges.ready_ns.and_then(|ns| u32::try_from(ns).ok());
+    let line = Line::through(&edges.rises);
     let (period, delay) = (edges.period(), edges.delay());
     trace.ma_period_ns = period.and_then(|ns| u32::try_from(ns).ok());
     trace.delay_ns = delay.and_then(|ns| u32::try_from(ns).ok());
@@ -327,19 +523,26 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     let period = period.unwrap_or(0);
     // The middle of the bit as it arrives: whole clocks of line delay are taken out too, so that MA may pause
     // while bits are still on their way.
-    let delay = delay.unwrap_or(0);
-    let nexts = edges
+    let ack_ns = edges
         .rises
-        .iter()
-        .skip(1)
-        .map(|next| Some(*next))
-        .chain([None]);
+        .get(1)
+        .zip(delay)
+        .map(|(second, delay)| second + delay);
     let mut changes = edges.slo.iter().peekable();
     let mut level = edges.idle;
-    for (rise, next) in edges.rises.iter().zip(nexts) {
-        // A bit is as long as its clock, which may be shorter than most.
-        let bit = next.map_or(period, |next| (next - rise).min(period));
-        let at = rise.saturating_add(delay + bit / 2);
+    for (index, rise) in edges.rises.iter().enumerate() {
+        let at = match line {
+            Some(line) => {
+                let delay = ack_ns.map_or(0.0, |ack| ack as f64 - line.at(1));
+                (line.at(index) + delay + line.period_ns / 2.0) as u64
+            }
+            None => {
+                // A bit is as long as its clock, which may be shorter than most.
+                let clock = edges.rises.get(index + 1).map(|next| next - rise);
+                let short = clock.filter(|clock| clock + period / 8 < period);
+                rise.saturating_add(delay.unwrap_or(0) + short.unwrap_or(period) / 2)
+            }
+        };
         if at > edges.end_ns {
             break;
         }

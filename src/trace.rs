@@ -200,6 +200,9 @@ pub struct Trace {
     /// What answered may have answered an earlier cycle, whose clocks paused for so long
     /// before its Ack came.
     pub misplaced_ns: Option<u32>,
+    /// Where it begins is likely, not certain: a recording's first cycles after a piece of one, whose line delay no other
+    /// cycle confirms.
+    pub unconfirmed: bool,
     /// [`Clocks::surplus`], where the link plans its clocks.
     pub surplus: u16,
     /// A recording that does not show the whole cycle.

@@ -1,15 +1,16 @@
-//! What one frame cannot tell and a row of them can: where the start bit may stand, and whether the
-//! sign-of-life counter counts.
+//! What one frame cannot tell and a row of them can: where the start bit may stand, how long the line delays, and whether
+//! the sign-of-life counter counts.
 
 use crate::cycle::{Cycle, Fault};
 use crate::format::{Format, Kind, MAX_CHANNELS};
+use crate::trace::Trace;
 
 /// What to do with a cycle that was judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It stands as it is, good or not.
     Stands,
-    /// Nothing is wrong with it but where its start bit stands: read again before it counts.
+    /// Nothing is wrong with it but where its start bit stands, or its line delay: read again before it counts.
     Doubtful(Fault),
 }
 
@@ -17,24 +18,29 @@ pub enum Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Tracker {
     heads: Heads,
+    line: LineDelay,
     delay_clk: Option<u16>,
     life: [Option<Life>; MAX_CHANNELS],
 }
 
 impl Tracker {
-    /// A recording cannot be read again, so its first good frame teaches where the start bit stands.
+    /// A recording cannot be read again, so its first good frame teaches where the start bit stands and the line delay.
     pub fn trusting() -> Tracker {
         Tracker {
             heads: Heads {
                 trusting: true,
                 ..Heads::default()
             },
+            line: LineDelay {
+                trusting: true,
+                ..LineDelay::default()
+            },
             ..Tracker::default()
         }
     }
 
     /// Judges a decoded cycle and learns from it. Words whose sign of life is wrong become faults.
-    pub fn judge(&mut self, format: &Format, cycle: &mut Cycle) -> Verdict {
+    pub fn judge(&mut self, format: &Format, trace: &Trace, cycle: &mut Cycle) -> Verdict {
         self.check_life(format, cycle);
         let (Some(head), true) = (cycle.head(), cycle.fault().is_none()) else {
             return Verdict::Stands;
@@ -55,7 +61,13 @@ impl Tracker {
         }
         let sound = good + null == cycle.words().len();
         let clocks = head.clocks();
-        if self.heads.learn(clocks, sound) {
+        let delay = trace.delay_ns.zip(trace.ma_period_ns);
+        let strange = delay.and_then(|(ns, period_ns)| self.line.strange(ns, period_ns, sound));
+        let placed = self.heads.learn(clocks, sound);
+        if let (true, Some(fault)) = (placed, strange) {
+            return Verdict::Doubtful(fault);
+        }
+        if placed {
             self.delay_clk = self.delay_clk.max(Some(head.delay_clk));
             return Verdict::Stands;
         }
@@ -83,6 +95,10 @@ impl Tracker {
         self.heads = Heads {
             trusting: self.heads.trusting,
             ..Heads::default()
+        };
+        self.line = LineDelay {
+            trusting: self.line.trusting,
+            ..LineDelay::default()
         };
         self.delay_clk = None;
         self.life = [None; MAX_CHANNELS];
@@ -197,6 +213,42 @@ impl Heads {
     }
 }
 
+/// The line delay, where it is known in ns: that of a line does not change, but for its jitter. Another one counts once it
+/// has been seen twice in a row.
+#[derive(Clone, Copy, Debug, Default)]
+struct LineDelay {
+    learned_ns: Option<u32>,
+    candidate_ns: Option<u32>,
+    trusting: bool,
+}
+
+impl LineDelay {
+    /// What is strange about the delay of a frame. `sound` frames have no bad word.
+    fn strange(&mut self, ns: u32, period_ns: u32, sound: bool) -> Option<Fault> {
+        let near = |other: &u32| other.abs_diff(ns) <= period_ns;
+        if self.learned_ns.is_some_and(|learned| near(&learned)) {
+            self.candidate_ns = None;
+            return None;
+        }
+        let fault = Fault::Delay {
+            ns,
+            learned_ns: self.learned_ns.unwrap_or(ns),
+        };
+        if !sound {
+            return Some(fault);
+        }
+        let seen = self
+            .candidate_ns
+            .replace(ns)
+            .is_some_and(|seen| near(&seen));
+        if seen || self.trusting && self.learned_ns.is_none() {
+            (self.learned_ns, self.candidate_ns) = (Some(ns), None);
+            return None;
+        }
+        Some(fault)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -233,7 +285,7 @@ mod tests {
         acks.iter()
             .map(|ack| {
                 let (format, mut cycle) = cycle("st8,crc6", *ack, &[1], None);
-                match tracker.judge(&format, &mut cycle) {
+                match tracker.judge(&format, &Trace::default(), &mut cycle) {
                     Verdict::Stands => '+',
                     Verdict::Doubtful(_) => '-',
                 }
@@ -261,6 +313,50 @@ mod tests {
         assert_eq!(tracker.heads(), Some((3, 8)));
     }
 
+    /// Line delays in ns at a clock of 1 µs, the start bit always in its place.
+    fn run_delays(tracker: &mut Tracker, delays: &[u32]) -> String {
+        delays
+            .iter()
+            .map(|delay| {
+                let (format, mut cycle) = cycle("st8,crc6", 3, &[1], None);
+                let trace = Trace {
+                    delay_ns: Some(*delay),
+                    ma_period_ns: Some(1000),
+                    ..Trace::default()
+                };
+                match tracker.judge(&format, &trace, &mut cycle) {
+                    Verdict::Stands => '+',
+                    Verdict::Doubtful(_) => '-',
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn another_line_delay_counts_when_it_comes_back() {
+        let mut tracker = Tracker::trusting();
+        assert_eq!(run_delays(&mut tracker, &[5000, 4000, 6000]), "+++");
+        assert_eq!(run_delays(&mut tracker, &[6001, 5000, 3999, 8000]), "-+--");
+        assert_eq!(run_delays(&mut tracker, &[8900, 5000, 8000]), "+-+");
+        assert_eq!(run_delays(&mut Tracker::default(), &[900, 900, 900]), "-++");
+        let fault = Fault::Delay {
+            ns: 0,
+            learned_ns: 8900,
+        };
+        let (format, mut wrong) = cycle("st8,crc6", 3, &[1], None);
+        let trace = Trace {
+            delay_ns: Some(0),
+            ma_period_ns: Some(1000),
+            ..Trace::default()
+        };
+        let verdict = tracker.judge(&format, &trace, &mut wrong);
+        assert_eq!(verdict, Verdict::Doubtful(fault));
+        assert_eq!(
+            fault.to_string(),
+            "mismatch: line delay 0.00 us, learned 8.90 us"
+        );
+    }
+
     #[test]
     fn a_single_one_is_forgotten() {
         let mut tracker = Tracker::default();
@@ -276,17 +372,17 @@ mod tests {
         let pair = "st8,crc6+st8,crc6";
         for _ in 0..2 {
             let (format, mut cycle) = cycle(pair, 2, &[1, 2], None);
-            tracker.judge(&format, &mut cycle);
+            tracker.judge(&format, &Trace::default(), &mut cycle);
         }
         let (format, mut half) = cycle(pair, 5, &[1, 2], Some(25));
         assert!(half.words()[0].good().is_some() && half.words()[1].good().is_none());
         assert!(matches!(
-            tracker.judge(&format, &mut half),
+            tracker.judge(&format, &Trace::default(), &mut half),
             Verdict::Doubtful(_)
         ));
         let (format, mut half) = cycle(pair, 2, &[1, 2], Some(22));
         assert_eq!(
-            tracker.judge(&format, &mut half),
+            tracker.judge(&format, &Trace::default(), &mut half),
             Verdict::Stands,
             "bad, but where it belongs"
         );
@@ -298,7 +394,10 @@ mod tests {
         run(&mut tracker, &[3, 3]);
         let (format, mut wrong) = cycle("st8,crc6", 9, &[1], Some(14));
         assert!(!wrong.is_good());
-        assert_eq!(tracker.judge(&format, &mut wrong), Verdict::Stands);
+        assert_eq!(
+            tracker.judge(&format, &Trace::default(), &mut wrong),
+            Verdict::Stands
+        );
         assert_eq!(run(&mut tracker, &[9, 3]), "-+");
     }
 
@@ -311,7 +410,7 @@ mod tests {
                 .map(|lc| {
                     let (format, mut cycle) =
                         cycle("st8,nE,nW,lc6,crc16", 1, &[1 << 8 | 0b11 << 6 | lc], None);
-                    tracker.judge(&format, &mut cycle);
+                    tracker.judge(&format, &Trace::default(), &mut cycle);
                     cycle.words()[0].fault()
                 })
                 .collect()
@@ -335,7 +434,7 @@ mod tests {
         let mut tracker = Tracker::trusting();
         let mut judge = |lc: u64, flip: Option<usize>| {
             let (format, mut cycle) = cycle("st8,lc6,crc16", 1, &[1 << 6 | lc], flip);
-            tracker.judge(&format, &mut cycle);
+            tracker.judge(&format, &Trace::default(), &mut cycle);
             cycle.words().first().and_then(|w| w.fault())
         };
         assert_eq!(judge(7, None), None);

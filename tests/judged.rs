@@ -102,7 +102,7 @@ fn no_frame_with_a_bad_word_teaches_a_start_bit() {
             }
         });
         assert_eq!(cycle.words().iter().all(|w| w.good().is_some()), !bad);
-        tracker.judge(&format, &mut cycle)
+        tracker.judge(&format, &Trace::default(), &mut cycle)
     };
     let doubtful = |v: Verdict| matches!(v, Verdict::Doubtful(_));
     // Once a range is known: never, however often it comes.
@@ -129,7 +129,7 @@ fn the_range_grows_only_as_far_as_two_sightings_reach() {
         let mut tracker = Tracker::default();
         for ack in acks {
             let (format, mut cycle) = frame_of("st8,crc6", *ack, &[1], |_| ());
-            tracker.judge(&format, &mut cycle);
+            tracker.judge(&format, &Trace::default(), &mut cycle);
         }
         tracker.heads()
     };
@@ -147,7 +147,7 @@ fn life_accepts_only_the_next_count_after_a_wrap() {
     let mut tracker = Tracker::trusting();
     let mut judge = |lc: u64| {
         let (format, mut cycle) = frame_of("st8,lc6,crc16", 1, &[1 << 6 | lc], |_| ());
-        tracker.judge(&format, &mut cycle);
+        tracker.judge(&format, &Trace::default(), &mut cycle);
         cycle.words()[0].fault()
     };
     assert_eq!(judge(62), None);
@@ -165,7 +165,7 @@ fn life_begins_anew_after_a_lost_cycle() {
                 t.bits.clear()
             }
         });
-        tracker.judge(&format, &mut cycle);
+        tracker.judge(&format, &Trace::default(), &mut cycle);
         cycle.words().first().and_then(|w| w.fault())
     };
     assert_eq!(judge(7, false), None);
