@@ -13,8 +13,8 @@
 //! | stamps of rising edges 2 and n + 2, against each other | -q = -1/8 |
 //! | left | 0 |
 //!
-//! A line through all rising edges takes most of the last -1/8 away where the clock is constant; where it is not,
-//! edges are taken one by one.
+//! Where the clock is constant a line through all rising edges stands for them, late by half a sample all of it, and the
+//! last -1/8 is nearly gone. Where it is not, edges are taken one by one: a pause is never smoothed over.
 //! The same sum parts a bit from SL = 1: after the last rising edge and the line delay a bit comes at most 1/4 + 2q = 1/2
 //! later, SL = 1 of an adaptive slave at least 3/2 - 1/4 - 2q = 1 later. Without line delay the next
 //! bit is no later than that, but with its own edge, or a sample before it where the analyser's channels are not quite in
@@ -444,8 +444,10 @@ impl Slicer {
             .suspect
             .filter(|(until, _)| answered.is_some_and(|t_ns| t_ns <= *until));
         let overtaken = edges.overtaken(period.unwrap_or(0));
-        if overtaken && edges.begin == Begin::Likely {
-            edges.begin = Begin::Unknown;
+        match edges.begin {
+            Begin::Likely if overtaken => edges.begin = Begin::Unknown,
+            Begin::Certain if overtaken => edges.suspect = Some((u64::MAX, edges.rest_ns)),
+            _ => {}
         }
         let delay = edges
             .delay()
@@ -472,6 +474,8 @@ impl Slicer {
         };
         let held = self.done.len() - self.held..;
         let alike = |other: &Edges| {
+            // A cycle that was cut short has no period of its own, or a wrong one.
+            let period = other.period().unwrap_or(0).min(period);
             let other = other.delay().unwrap_or(u64::MAX);
             other.abs_diff(delay) <= period / 2 + 1
         };

@@ -283,6 +283,11 @@ impl Case {
         }
     }
 
+    /// Without a line through all edges nothing is left at eight, and the clock is known less well.
+    fn enough(&self, samples: f64) -> f64 {
+        samples.max(if self.gap_ns > 0.0 { 10.0 } else { 0.0 })
+    }
+
     fn protocol(&self) -> BissC {
         let mut protocol = BissC::new(FORMAT.parse().unwrap());
         if self.period_ns > 10_000.0 {
@@ -298,7 +303,7 @@ impl Case {
         let jitter_ns = (self.period_ns / 4.0) as u64;
         let mut wires = Wires::new(&self.config, self.delay_ns, jitter_ns, rng);
         let half = self.period_ns / 2.0;
-        wires.until(rng.u64(42_000..90_000));
+        wires.until(rng.u64(45_000..90_000));
         for _ in 0..frames {
             let begin = wires.t_ns as f64;
             let edge_ns = |edge: u64| {
@@ -410,8 +415,8 @@ impl Tally {
     }
 }
 
-/// Samples a clock, the least that a recording needs first.
-const SAMPLES: [f64; 9] = [8.0, 8.02, 8.3, 8.9, 10.0, 12.5, 16.1, 25.0, 64.0];
+/// Samples a clock. Below eight only the line through all edges helps.
+const SAMPLES: [f64; 10] = [5.3, 6.3, 8.0, 8.02, 8.3, 8.9, 12.5, 16.1, 25.0, 64.0];
 
 #[test]
 fn no_frame_is_lost_over_the_grid() {
@@ -430,6 +435,7 @@ fn no_frame_is_lost_over_the_grid() {
                         let ack = any_ack(period_ns, &mut rng);
                         let case = Case::new(period_ns, delay_ns, timeout, ack, &mut rng);
                         let (wires, latched) = case.run(3, &mut rng);
+                        let samples = case.enough(samples);
                         let every = period_ns / samples;
                         let seen = sampled(&wires.levels(), every, rng.f64() * every);
                         let read = read_levels(&seen, wires.t_ns, &case.protocol());
@@ -462,6 +468,7 @@ fn no_frame_is_lost_anywhere_between() {
         let ack = any_ack(period_ns, &mut rng);
         let case = Case::new(period_ns, delay_ns, &timeout, ack, &mut rng);
         let (wires, latched) = case.run(6, &mut rng);
+        let samples = case.enough(samples);
         let every = period_ns / samples;
         let seen = sampled(&wires.levels(), every, rng.f64() * every);
         let read = match round % 2 {
@@ -481,14 +488,14 @@ fn no_frame_is_lost_anywhere_between() {
 #[test]
 fn a_recording_may_begin_inside_a_frame() {
     let mut rng = rng();
-    let (mut whole, mut lost, mut wrong) = (0, 0, 0);
+    let (mut whole, mut lost, mut most, mut wrong) = (0, 0, 0, 0);
     for _ in 0..size(500) {
         let period_ns = any_period(&mut rng);
         let delay_ns = any_delay(period_ns, &mut rng);
         let timeout = any_timeout(period_ns, &mut rng);
         let case = Case::new(period_ns, delay_ns, &timeout, 1, &mut rng);
         let (wires, _) = case.run(8, &mut rng);
-        let every = period_ns / (8.0 + 8.0 * rng.f64());
+        let every = period_ns / case.enough(8.0 + 8.0 * rng.f64());
         let mut seen = sampled(&wires.levels(), every, rng.f64() * every);
         let (first, _) = wires.latched[0];
         let (third, _) = wires.latched[2];
@@ -510,11 +517,15 @@ fn a_recording_may_begin_inside_a_frame() {
             .iter()
             .filter(|(_, word)| !sent.contains(word))
             .count();
-        lost += sent.len().saturating_sub(words.len());
+        let here = sent.len().saturating_sub(words.len());
+        (lost, most) = (lost + here, most.max(here));
     }
-    println!("begun anywhere: {whole} whole frames, {lost} lost, {wrong} wrong");
+    println!(
+        "begun anywhere: {whole} whole frames, {lost} lost, at most {most} of a recording, {wrong} wrong"
+    );
     assert_eq!(wrong, 0);
-    assert!(lost * 20 < whole, "lost: see above");
+    // Where it begins so shortly before a frame that it cannot be told from a pause inside one.
+    assert!(most <= 1, "lost: see above");
 }
 
 /// A recording that begins anywhere, of frames in which MA pauses anywhere for any time.
@@ -544,7 +555,7 @@ fn cut(rng: &mut Rng) -> (Cut, BissC) {
     let jitter_ns = (period_ns * *rng.choice(&[0.0, 0.1, 0.25]).unwrap()) as u64;
     let mut wires = Wires::new(&config, delay_ns, jitter_ns, rng);
     let half = period_ns / 2.0;
-    wires.until(rng.u64(42_000..90_000));
+    wires.until(rng.u64(45_000..90_000));
     let began = wires.t_ns;
     let spare = if rng.bool() {
         (delay_ns as f64 / period_ns) as u64 + 2
