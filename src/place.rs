@@ -162,6 +162,9 @@ impl Counter {
 /// More decimals than a 64-bit float can tell apart.
 const MOST_DIGITS: i32 = 15;
 
+/// Enough for the turns of 128 bits, in degrees.
+const MOST_POWER: i32 = 42;
+
 /// An angle of `counts`, of which a turn has 2 to the power of `bits`, and as many decimals as that resolution needs.
 /// Within a turn unless `turns` asks for all of it.
 pub fn degrees(counts: i128, bits: u8, turns: bool) -> (f64, usize) {
@@ -169,8 +172,12 @@ pub fn degrees(counts: i128, bits: u8, turns: bool) -> (f64, usize) {
     let (whole, rest) = (counts >> bits, counts & ((1 << bits) - 1));
     let whole = if turns { whole as f64 * 360.0 } else { 0.0 };
     // Digits before the point take their share, three at least.
-    let before = whole.abs().max(360.0).log10() as i32 + 1;
-    let needed = (range / 360.0).log10().ceil().max(-1.0) as i32 + 1;
+    let power = |from: i32, enough: &dyn Fn(f64) -> bool| {
+        let found = (from..=MOST_POWER).find(|n| enough(10f64.powi(*n)));
+        found.unwrap_or(MOST_POWER)
+    };
+    let before = power(3, &|power| power > whole.abs());
+    let needed = power(-1, &|power| power >= range / 360.0) + 1;
     let digits = needed.min(MOST_DIGITS + 1 - before).max(0);
     let scale = 10f64.powi(digits);
     let scaled = (rest as f64 / range * 360.0 * scale).round();
