@@ -179,7 +179,7 @@ impl Format {
 const FIELDS: &str =
     "fields are mtN stN posN padN dataN[=NAME] lcN nE nW E W and last crcN[:POLY[:init=X][:plain]]";
 /// Keys of a record that a named field must not take over.
-const RESERVED: [&str; 41] = [
+const RESERVED: [&str; 42] = [
     "type",
     "t_ns",
     "t_unix_us",
@@ -221,6 +221,7 @@ const RESERVED: [&str; 41] = [
     "head_clk",
     "min_clk",
     "max_clk",
+    "learned_ns",
 ];
 
 impl FromStr for Format {
