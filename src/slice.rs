@@ -46,6 +46,9 @@ pub struct Slicer {
     moved_ns: u64,
     /// What the next falling edge begins.
     begin: Begin,
+    /// MA's last rising edge that counted, and from there to the last rise of SL.
+    risen_ns: u64,
+    ready_ns: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,6 +129,8 @@ struct Edges {
     idle: Option<bool>,
     /// How long MA had been at rest.
     rest_ns: u64,
+    /// From the last rising edge before it to SL = 1.
+    ready_before_ns: u64,
     begin: Begin,
     tailless: bool,
     falls: Vec<u64>,
@@ -244,6 +249,8 @@ impl Slicer {
             spare: Vec::new(),
             moved_ns: 0,
             begin: Begin::Unknown,
+            risen_ns: 0,
+            ready_ns: 0,
         }
     }
 
@@ -333,6 +340,9 @@ impl Slicer {
 
     fn slo_changes(&mut self, t_ns: u64, level: Option<bool>) {
         self.slo = level;
+        if level == Some(true) {
+            self.ready_ns = t_ns - self.risen_ns;
+        }
         if self.state == State::Rest {
             return;
         }
@@ -403,6 +413,7 @@ impl Slicer {
 
     fn rise(&mut self, t_ns: u64) {
         self.state = State::Running;
+        self.risen_ns = t_ns;
         let rises = &mut self.cycle.rises;
         let span = rises.last().map(|last| t_ns - last);
         self.cycle.shortest_ns = self.cycle.shortest_ns.or(span).min(span);
@@ -422,6 +433,7 @@ impl Slicer {
         self.cycle.idle = self.slo;
         self.cycle.rest_ns = rest_ns;
         self.cycle.begin = self.begin;
+        self.cycle.ready_before_ns = self.ready_ns;
         self.cycle.slo.push((t_ns, self.slo));
         self.cycle.falls.push(t_ns);
     }
@@ -432,7 +444,8 @@ impl Slicer {
         edges.end_ns = t_ns;
         edges.cdm = cdm;
         let period = edges.period();
-        if edges.begin == Begin::Unknown {
+        let first = edges.begin == Begin::Unknown;
+        if first {
             // Only the recording's own beginning tells: MA at rest for longer than a frame may pause, SL high.
             let needed = period.map(|period| TIMEOUT_MIN_NS.max(period + period / 2));
             if edges.idle == Some(true) && needed.is_some_and(|needed| edges.rest_ns > needed) {
@@ -444,8 +457,13 @@ impl Slicer {
             .suspect
             .filter(|(until, _)| answered.is_some_and(|t_ns| t_ns <= *until));
         let overtaken = edges.overtaken(period.unwrap_or(0));
+        // By its own line delay SL may have risen with a bit of the cycle before, not at its end.
+        let early = edges
+            .delay()
+            .zip(period)
+            .is_some_and(|(delay, period)| edges.ready_before_ns <= delay + period * 3 / 4);
         match edges.begin {
-            Begin::Likely if overtaken => edges.begin = Begin::Unknown,
+            Begin::Likely if overtaken || early && !first => edges.begin = Begin::Unknown,
             Begin::Certain if overtaken => edges.suspect = Some((u64::MAX, edges.rest_ns)),
             _ => {}
         }
