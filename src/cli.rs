@@ -6,7 +6,9 @@ use biss::link::Spec;
 use biss::place::Zero;
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::builder::Resettable;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use std::env;
 use std::str::FromStr;
 
 /// Read BiSS-C encoders on plain Linux pins.
@@ -16,6 +18,22 @@ pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
 }
+
+/// The command line. A variable that is set to nothing counts as not set: so shells take one back.
+pub(crate) fn command() -> clap::Command {
+    let mut command = Cli::command();
+    for (arg, variable) in [("link", LINK_VARIABLE), ("frame", FRAME_VARIABLE)] {
+        if env::var_os(variable).is_some_and(|value| value.is_empty()) {
+            command = command.mut_subcommand("read", |read| {
+                read.mut_arg(arg, |arg| arg.env(Resettable::Reset))
+            });
+        }
+    }
+    command
+}
+
+const LINK_VARIABLE: &str = "BISS_LINK";
+const FRAME_VARIABLE: &str = "BISS_FRAME";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -66,7 +84,7 @@ Exit status:
 #[derive(Debug, Args)]
 pub(crate) struct Read {
     /// Where the encoder is
-    #[arg(env = "BISS_LINK", hide_env_values = true)]
+    #[arg(env = LINK_VARIABLE, hide_env_values = true)]
     pub(crate) link: Spec,
 
     /// Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset
@@ -74,7 +92,7 @@ pub(crate) struct Read {
         short,
         long,
         value_name = "FORMAT|PRESET",
-        env = "BISS_FRAME",
+        env = FRAME_VARIABLE,
         hide_env_values = true
     )]
     pub(crate) frame: Option<Frame>,

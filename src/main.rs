@@ -7,7 +7,7 @@ mod sys;
 
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
-use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use clap::{ArgMatches, FromArgMatches};
 use cmd::Outcome;
 use std::process::ExitCode;
 
@@ -15,7 +15,7 @@ use std::process::ExitCode;
 const FAILED: u8 = 2;
 
 fn main() -> ExitCode {
-    match cli::Cli::command().try_get_matches() {
+    match cli::command().try_get_matches() {
         Ok(matches) => run(&matches),
         // Bare `biss` asks for help and does not get it on stdout: there is nothing to pipe.
         Err(error)

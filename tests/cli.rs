@@ -294,6 +294,12 @@ fn environment_is_the_weakest() {
             .0
             .contains("turn")
     );
+    // Set to nothing is not set.
+    let (stdout, stderr, status) = with(&["read", "sim", "-q"], Some(""), Some(""));
+    assert_eq!((stdout, stderr, status), run("read sim -q"));
+    let missing = with(&["read"], Some(""), None);
+    assert!(missing.1.contains("not provided"), "{}", missing.1);
+    assert_eq!(missing.2, Some(2));
     let flag = with(
         &["read", "sim:frame=pos8,crc5", "-f", "pos8,crc4"],
         None,
