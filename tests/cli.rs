@@ -605,6 +605,50 @@ fn a_slow_pipe_is_followed_and_left() {
     assert!(stderr.contains(" good, 0 faults"), "{stderr}");
 }
 
+/// Until the process catches signals, and waits.
+fn wait_asleep(child: &Child) {
+    const CAUGHT: u64 = 1 << 0 | 1 << 1 | 1 << 14;
+    let file = format!("/proc/{}/status", child.id());
+    let asleep = || {
+        let status = std::fs::read_to_string(&file).unwrap();
+        let field = |name| status.lines().find_map(|line| line.strip_prefix(name));
+        let caught = field("SigCgt:").map(|mask| u64::from_str_radix(mask.trim(), 16).unwrap());
+        let sleeps = field("State:").is_some_and(|state| state.trim().starts_with('S'));
+        sleeps && caught.unwrap() & CAUGHT == CAUGHT
+    };
+    while !asleep() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Who ends biss before a recording has come does not read that it was a bad one.
+#[test]
+fn a_recording_that_has_not_come_is_left() {
+    use std::os::unix::process::ExitStatusExt;
+    let pipe = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("never-written");
+    let _ = std::fs::remove_file(&pipe);
+    let made = Command::new("mkfifo").arg(&pipe).status().unwrap();
+    assert!(made.success());
+    let named = format!("file:{}", pipe.display());
+    for link in ["file:-", &named] {
+        for (name, died) in [("INT", None), ("TERM", Some(15)), ("HUP", Some(1))] {
+            let mut child = biss(&["read", link, "-f", "st8", "-o", "csv"])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap();
+            wait_asleep(&child);
+            signal(&child, name);
+            let status = child.wait().unwrap();
+            let output = child.wait_with_output().unwrap();
+            let ended = (status.code(), status.signal());
+            assert_eq!(ended, (died.is_none().then_some(1), died), "{link} {name}");
+            assert_eq!(output.stderr, b"", "{link} {name}");
+        }
+    }
+}
+
 #[test]
 fn a_broken_recording_does_not_fill_the_memory() {
     let file = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("endless.vcd");

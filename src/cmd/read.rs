@@ -16,7 +16,6 @@ use biss::preset::{Frame, Preset};
 use biss::trace::{Cut, Trace};
 use biss::unit::{Hertz, Nanos};
 use std::cell::RefCell;
-use std::fs::File;
 use std::io;
 use std::rc::Rc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -36,7 +35,16 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     })?;
     let printer = Printer::new(look, args.time, args.color, args.verbose);
     let printer = Rc::new(RefCell::new(printer));
-    let mut link = open(&args, &frame, &signals, &printer)?;
+    let mut link = match open(&args, &frame, &signals, &printer) {
+        // The input ended for the signal: it is not what the error takes it for.
+        Err(_) if recorded(&args) && signals.caught().is_some() => {
+            return Ok(Ended {
+                outcome: Outcome::Bad,
+                signal: signals.caught(),
+            });
+        }
+        opened => opened?,
+    };
     let protocol = protocol(&args, frame.format);
     Run {
         args: &args,
@@ -47,6 +55,10 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         printer,
     }
     .all(link.as_mut())
+}
+
+fn recorded(args: &cli::Read) -> bool {
+    matches!(args.link.kind, Kind::File { .. })
 }
 
 fn open(
@@ -119,12 +131,7 @@ fn open(
                     "opening the recording {name}: {e}\n  check the path; a comma in it is written \\,"
                 )
             };
-            let file = if stdin {
-                sys::stdin()
-            } else {
-                File::open(path)
-            }
-            .map_err(said)?;
+            let file = if stdin { sys::stdin() } else { sys::open(path) }.map_err(said)?;
             // What was read shall be seen before more of a slow pipe is waited for. Errors come back with the next record.
             let printer = Rc::clone(printer);
             let flush = move || drop(printer.borrow_mut().flush());
