@@ -53,6 +53,8 @@ pub enum Step {
     Fast,
     /// Half of it: which way is not known, it is counted upwards.
     Unknown,
+    /// Less, but words are missing before it, and at the speed seen last it may have been a quarter or more.
+    Lost,
 }
 
 /// A channel's number: turns, if it has them, and position.
@@ -98,8 +100,19 @@ pub struct Counter {
     number: Number,
     count: Count,
     zero: Option<u64>,
-    /// The last number, and where the rollovers so far have taken it.
-    last: Option<(u64, i128)>,
+    last: Option<Last>,
+    /// The last step and the time it took, in nanoseconds.
+    pace: Option<(u64, u64)>,
+    /// A word since the last one had no number.
+    missed: bool,
+}
+
+/// The last number, where the rollovers so far have taken it, and when it was.
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    number: u64,
+    place: i128,
+    t_ns: u64,
 }
 
 impl Counter {
@@ -114,15 +127,27 @@ impl Counter {
             count,
             zero,
             last: None,
+            pace: None,
+            missed: false,
         })
     }
 
-    /// The counts of the next word that passed every check, and how far it is from the one before.
-    pub fn next(&mut self, data: u64) -> (i128, Step) {
+    /// The next word has no number to count.
+    pub fn miss(&mut self) {
+        self.missed = true;
+    }
+
+    /// The counts of the next word that passed every check, latched at `t_ns`, and how far it is from the one before.
+    pub fn next(&mut self, data: u64, t_ns: u64) -> (i128, Step) {
         let number = self.number.get(data);
         let zero = *self.zero.get_or_insert(number);
-        let (place, step) = self.follow(number);
-        self.last = Some((number, place));
+        let (place, step) = self.follow(number, t_ns);
+        self.last = Some(Last {
+            number,
+            place,
+            t_ns,
+        });
+        self.missed = false;
         let away = if self.count.unwrap {
             place - i128::from(zero)
         } else {
@@ -137,25 +162,39 @@ impl Counter {
     }
 
     /// The shorter way from the last number to this one.
-    fn follow(&self, number: u64) -> (i128, Step) {
-        let Some((last, place)) = self.last else {
+    fn follow(&mut self, number: u64, t_ns: u64) -> (i128, Step) {
+        let Some(last) = self.last else {
             return (number.into(), Step::Clear);
         };
         let most = self.number.most();
         let half = most / 2 + 1;
-        let up = number.wrapping_sub(last) & most;
-        let down = last.wrapping_sub(number) & most;
+        let up = number.wrapping_sub(last.number) & most;
+        let down = last.number.wrapping_sub(number) & most;
         let way = up.min(down);
+        let ns = t_ns.saturating_sub(last.t_ns);
         let step = match way {
             way if way == half => Step::Unknown,
             way if way > 0 && way >= half / 2 => Step::Fast,
+            _ if self.lost(ns, half / 2) => Step::Lost,
             _ => Step::Clear,
         };
+        self.pace = Some((way, ns));
         if up <= half {
-            (place + i128::from(up), step)
+            (last.place + i128::from(up), step)
         } else {
-            (place - i128::from(down), step)
+            (last.place - i128::from(down), step)
         }
+    }
+
+    /// Whether it may have moved so far in a gap of so many nanoseconds. What stands still may have moved by less than
+    /// can be seen.
+    fn lost(&self, ns: u64, far: u64) -> bool {
+        let Some((way, took_ns)) = self.pace else {
+            return self.missed;
+        };
+        let gap = self.missed || ns / 2 >= took_ns;
+        let seen = u128::from(way.max(1)) * u128::from(ns);
+        gap && seen >= u128::from(far) * u128::from(took_ns)
     }
 }
 
@@ -256,16 +295,16 @@ mod tests {
                 1 => (-(range / 2) + 1, 0),
                 _ => (-(range / 2) + 1, range / 2 - 1),
             };
-            for _ in 0..40 {
+            for t_ns in (0..40).map(|slot| slot * 1000) {
                 let number = (shaft & (range - 1)) as u64;
-                let (counts, step) = counter.next(word(&channel, number, rng.u64(..)));
+                let (counts, step) = counter.next(word(&channel, number, rng.u64(..)), t_ns);
                 let away = shaft - zero;
                 let mut want = if count.reverse { -away } else { away };
                 if !count.unwrap {
                     want = want.rem_euclid(range);
                 }
                 assert_eq!(counts, want, "{channel} {count:?} at {shaft}");
-                assert_ne!(step, Step::Unknown);
+                assert!(!matches!(step, Step::Unknown | Step::Lost), "{step:?}");
                 let moved = if low < high { rng.i128(low..=high) } else { 0 };
                 wraps[0] += u32::from((shaft + moved).div_euclid(range) > shaft.div_euclid(range));
                 wraps[1] += u32::from((shaft + moved).div_euclid(range) < shaft.div_euclid(range));
@@ -295,15 +334,58 @@ mod tests {
             (0, 1023, -1, Step::Clear),
         ] {
             let mut counter = Counter::new(&channel("st10"), count).unwrap();
-            assert_eq!(counter.next(from), (from.into(), Step::Clear));
-            assert_eq!(counter.next(to), (counts, step), "{from} {to}");
+            assert_eq!(counter.next(from, 0), (from.into(), Step::Clear));
+            assert_eq!(counter.next(to, 1), (counts, step), "{from} {to}");
         }
         // Half of one bit is all of it.
         let mut counter = Counter::new(&channel("st1"), count).unwrap();
-        assert_eq!(counter.next(1), (1, Step::Clear));
-        assert_eq!(counter.next(1), (1, Step::Clear));
-        assert_eq!(counter.next(0), (2, Step::Unknown));
+        assert_eq!(counter.next(1, 0), (1, Step::Clear));
+        assert_eq!(counter.next(1, 1), (1, Step::Clear));
+        assert_eq!(counter.next(0, 2), (2, Step::Unknown));
         assert!(Counter::new(&channel("data8,mt4"), count).is_none());
+    }
+
+    /// A shaft that turned on while nothing was heard of it looks as if it had not.
+    #[test]
+    fn a_gap_is_followed_no_further_than_the_speed_before_it_allows() {
+        let count = Count {
+            unwrap: true,
+            zero: Zero::At(0),
+            reverse: false,
+        };
+        let counter = Counter::new(&channel("st10,nE"), count).unwrap();
+        let word = |number: u64| number << 1;
+        // 50 counts a microsecond, so a quarter of the range in 5.12 us.
+        for (pause_ns, missed, step) in [
+            (1_000, false, Step::Clear),
+            (5_000, true, Step::Clear),
+            (5_200, false, Step::Lost),
+            (5_200, true, Step::Lost),
+            (20_480, true, Step::Lost),
+        ] {
+            let mut counter = counter.clone();
+            assert_eq!(counter.next(word(0), 0), (0, Step::Clear));
+            assert_eq!(counter.next(word(50), 1_000), (50, Step::Clear));
+            if missed {
+                counter.miss();
+            }
+            let (_, got) = counter.next(word(60), 1_000 + pause_ns);
+            assert_eq!(got, step, "{pause_ns} {missed}");
+            let (_, after) = counter.next(word(60), 2_000 + pause_ns);
+            assert_eq!(after, Step::Clear, "once a gap");
+        }
+        // What stands still may have moved one count at a time, and before the second number nothing is known.
+        for (pause_ns, step) in [(200_000, Step::Clear), (256_000, Step::Lost)] {
+            let mut counter = counter.clone();
+            counter.next(word(7), 0);
+            counter.next(word(7), 1_000);
+            assert_eq!(counter.next(word(7), 1_000 + pause_ns), (7, step));
+        }
+        let mut counter = counter.clone();
+        counter.miss();
+        assert_eq!(counter.next(word(7), 0), (7, Step::Clear));
+        counter.miss();
+        assert_eq!(counter.next(word(7), 1), (7, Step::Lost));
     }
 
     #[test]

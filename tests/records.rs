@@ -364,3 +364,22 @@ fn a_step_too_long_is_said_once() {
     let (_, stderr, _) = run("read sim:fast,frame=st8,nE,nW,crc6 --unwrap -n 9 -i 100ms");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
 }
+
+/// Whole turns go by while faults or the error bit hide them: the number that comes next looks near.
+#[test]
+fn a_gap_too_long_is_said_once() {
+    const SAYS: &str = "good frames were so far apart";
+    for trouble in ["no-ack", "error", "null"] {
+        let link = |often: &str| {
+            format!("sim:fast,rpm=600,seed=3,{trouble}={often},frame=st12,nE,nW,crc6")
+        };
+        let gaps = format!("read {} -n 200 -i 10ms", link("85%"));
+        let said = |args: &str| run(args).1.matches(SAYS).count();
+        assert_eq!(said(&format!("{gaps} --unwrap")), 1, "{trouble}");
+        assert_eq!(said(&format!("{gaps} --unwrap -q")), 0, "{trouble}");
+        assert_eq!(said(&format!("{gaps} --zero here")), 0, "{trouble}");
+        // Nobody is told of a gap in which it cannot have gone far.
+        let short = format!("read {} -n 200 -i 100us --unwrap", link("20%"));
+        assert_eq!(said(&short), 0, "{trouble}");
+    }
+}

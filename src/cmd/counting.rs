@@ -15,6 +15,7 @@ pub(crate) struct Counting {
     quiet: bool,
     said_fast: bool,
     said_unknown: bool,
+    said_lost: bool,
 }
 
 impl Counting {
@@ -61,21 +62,24 @@ impl Counting {
             quiet: args.quiet,
             said_fast: false,
             said_unknown: false,
+            said_lost: false,
         }))
     }
 
     /// The counts of a cycle. A word that is bad, or says itself that it is, has none and moves none.
-    pub(crate) fn next(&mut self, format: &Format, cycle: &Cycle) -> Counted<'_> {
+    pub(crate) fn next(&mut self, format: &Format, cycle: &Cycle, t_ns: u64) -> Counted<'_> {
         self.counts.fill(None);
-        let words = cycle.words().iter();
-        for (index, (channel, word)) in format.channels().iter().zip(words).enumerate() {
-            let sound = word
-                .good()
-                .filter(|data| channel.error(*data) != Some(true));
-            if let (Some(data), Some(counter)) = (sound, &mut self.counters[index]) {
-                let (counts, step) = counter.next(data);
-                self.counts[index] = Some(counts);
-                self.warn(step);
+        for (index, channel) in format.channels().iter().enumerate() {
+            let word = cycle.words().get(index).and_then(|word| word.good());
+            let sound = word.filter(|data| channel.error(*data) != Some(true));
+            match (sound, &mut self.counters[index]) {
+                (Some(data), Some(counter)) => {
+                    let (counts, step) = counter.next(data, t_ns);
+                    self.counts[index] = Some(counts);
+                    self.warn(step);
+                }
+                (None, Some(counter)) => counter.miss(),
+                (_, None) => {}
             }
         }
         Counted {
@@ -96,6 +100,11 @@ impl Counting {
             Step::Unknown => (
                 &mut self.said_unknown,
                 "the position moved half its range between two frames: which way cannot be told, --unwrap counts it up",
+            ),
+            Step::Lost => (
+                &mut self.said_lost,
+                "good frames were so far apart that the position may have moved a quarter of its range or more between \
+                 them: from half on --unwrap follows it the wrong way, and cannot tell",
             ),
         };
         if !std::mem::replace(said, true) && !self.quiet {

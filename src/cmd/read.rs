@@ -354,15 +354,16 @@ impl Run<'_> {
             }
             let cycle = master.cycle();
             let format = &self.protocol.format;
+            let t_ns = master.trace().t_ns;
             let counted = self.counting.as_mut();
             let shot = Shot {
                 format,
                 cycle,
                 trace: master.trace(),
-                t_ns: master.trace().t_ns,
+                t_ns,
                 seq,
                 tries: caps.live.then_some(tries),
-                counted: counted.map(|counting| counting.next(format, cycle)),
+                counted: counted.map(|counting| counting.next(format, cycle, t_ns)),
             };
             summary.count(&shot);
             let first = summary.span_ns.map_or(shot.t_ns, |(first, _)| first);
