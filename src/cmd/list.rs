@@ -445,11 +445,12 @@ impl Machine<'_> {
 
     fn priority(&self) -> Option<Setting> {
         const CAP_SYS_NICE: u32 = 23;
-        let limit: u32 = self.limit("Max realtime priority")?.parse().ok()?;
-        let most = if self.capable(CAP_SYS_NICE) {
-            99
-        } else {
-            limit
+        const MOST: u32 = 99;
+        let limit = self.limit("Max realtime priority")?;
+        let most = match limit.parse::<u32>() {
+            Ok(limit) if !self.capable(CAP_SYS_NICE) => limit.min(MOST),
+            // Where there is none it is a word.
+            _ => MOST,
         };
         let (means, fix) = match most {
             0 => (
@@ -921,6 +922,14 @@ Nothing to connect an encoder to; `biss read sim` needs none.
         assert_eq!(
             values(&[tight, STATUS]),
             ["rtprio 50 false", "memlock 4 MiB true"]
+        );
+        let none = (
+            "proc/self/limits",
+            "Max locked memory  unlimited  unlimited  bytes\nMax realtime priority  unlimited  unlimited\n",
+        );
+        assert_eq!(
+            values(&[none, STATUS]),
+            ["rtprio 99 false", "memlock unlimited false"]
         );
     }
 
