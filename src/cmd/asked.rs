@@ -96,6 +96,15 @@ pub(super) fn warn_outside(args: &cli::Read, preset: &Preset) {
     }
 }
 
+/// What is wrong with the clock that a link has reached, unless the one asked for was warned of already.
+pub(super) fn slower(preset: &Preset, asked: Option<Hertz>, reached: Hertz) -> Option<String> {
+    // A measured clock is not that exact.
+    let most = Hertz(reached.0.saturating_add(reached.0 / 20));
+    let slow = preset.clock_min.is_some_and(|min| most < min);
+    let said = asked.is_some_and(|asked| preset.clock_outside(asked).is_some());
+    preset.clock_outside(reached).filter(|_| slow && !said)
+}
+
 /// What the user has not said, the preset may.
 pub(super) fn fill_in(args: &mut cli::Read, preset: &Preset) {
     let kind = &args.link.kind;
@@ -108,4 +117,21 @@ pub(super) fn fill_in(args: &mut cli::Read, preset: &Preset) {
     }
     let (stall, max) = preset.judged();
     args.timeout.get_or_insert(cli::Timeout { stall, max });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_a_link_does_not_reach_is_outside_too() {
+        let resolute = Preset::named("resolute-26").unwrap();
+        let said = |asked: Option<u32>, reached| {
+            slower(resolute, asked.map(Hertz), Hertz(reached)).is_some()
+        };
+        assert!(said(None, 150_000) && said(Some(1_000_000), 150_000));
+        assert!(!said(None, 240_000) && !said(Some(250_000), 240_000));
+        assert!(!said(Some(1_000_000), 1_000_000));
+        assert!(!said(Some(100_000), 100_000), "said before");
+    }
 }

@@ -1,6 +1,6 @@
 //! `biss read`: frames, one after the other or one a slot.
 
-use super::asked::{USUAL_CLOCK, check, choose_frame, fill_in, look, warn_outside};
+use super::asked::{USUAL_CLOCK, check, choose_frame, fill_in, look, slower, warn_outside};
 use super::counting::Counting;
 use super::{Ended, Outcome, schedule};
 use crate::cli;
@@ -266,15 +266,11 @@ impl Run<'_> {
             note(format_args!(
                 "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
             ));
-        } else if self.args.clock.is_none() {
-            // An asked one was warned of before, and a measured one is not that exact.
-            let tolerant = Hertz(clock.hz.0.saturating_add(clock.hz.0 / 20));
-            let slow = |preset: &&Preset| preset.clock_min.is_some_and(|min| tolerant < min);
-            let outside = self.preset.filter(slow);
-            outside
-                .and_then(|preset| preset.clock_outside(clock.hz))
-                .iter()
-                .for_each(note);
+        } else {
+            let outside = self
+                .preset
+                .and_then(|preset| slower(preset, self.args.clock, clock.hz));
+            outside.iter().for_each(note);
         }
         if master.link().caps().times_levels && self.protocol.stall == Stall::Unknown {
             if clock.hz.period_ns() >= limits::LEVEL_MAX_NS {
