@@ -407,7 +407,7 @@ fn ending(page: &mut Page, command: &Command, verbs: &[Command]) {
         };
         page.item(
             bold(variable.to_string_lossy()),
-            &format!("stands in for {stands_for}"),
+            &format!("stands in for {stands_for}; set to nothing it counts as not set"),
         );
     }
     ENVIRONMENT
