@@ -7,6 +7,7 @@ use biss::place::Zero;
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
 use clap::builder::Resettable;
+use clap::error::ContextKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use std::env;
 use std::str::FromStr;
@@ -30,6 +31,23 @@ pub(crate) fn command() -> clap::Command {
         }
     }
     command
+}
+
+/// What is wrong with the command line, and which variable a value came from that nobody typed.
+pub(crate) fn complaint(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let text = text.trim_start_matches("error: ").trim_end();
+    let context = |kind| error.get(kind).map(ToString::to_string);
+    let invalid = context(ContextKind::InvalidValue).zip(context(ContextKind::InvalidArg));
+    let Some((value, arg)) = invalid else {
+        return text.into();
+    };
+    let typed = env::args_os().any(|typed| typed.to_string_lossy().ends_with(&value));
+    let mut variables = [LINK_VARIABLE, FRAME_VARIABLE].into_iter();
+    match variables.find(|name| !typed && env::var(name).is_ok_and(|set| set == value)) {
+        Some(name) => text.replacen(&format!("'{arg}'"), &format!("'{arg}' from {name}"), 1),
+        None => text.into(),
+    }
 }
 
 const LINK_VARIABLE: &str = "BISS_LINK";

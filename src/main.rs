@@ -22,8 +22,7 @@ fn main() -> ExitCode {
             if error.use_stderr()
                 && error.kind() != ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand =>
         {
-            let text = error.render().to_string();
-            output::note(text.trim_start_matches("error: ").trim_end());
+            output::note(cli::complaint(&error));
             ExitCode::from(FAILED)
         }
         // Help and version, on stdout.

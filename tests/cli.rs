@@ -294,6 +294,25 @@ fn environment_is_the_weakest() {
             .0
             .contains("turn")
     );
+    // Nobody looks for a mistake in what he has not typed.
+    for (args, link, frame, words) in [
+        (
+            &["read"][..],
+            Some("sim:x"),
+            None,
+            "'<LINK>' from BISS_LINK: ",
+        ),
+        (&["read", "sim"], None, Some("st0"), "' from BISS_FRAME: "),
+        (&["read", "sim:x"], Some("sim"), None, "'<LINK>': "),
+        (&["read", "sim", "-fst0"], None, Some("st8"), "PRESET>': "),
+        (&["read", "sim", "-n", "st0"], None, Some("st0"), "<N>': "),
+    ] {
+        let (stdout, stderr, status) = with(args, link, frame);
+        assert_eq!((stdout.as_str(), status), ("", Some(2)));
+        let first = stderr.lines().next().unwrap();
+        assert!(first.contains(words), "{first}");
+        assert_eq!(first.contains("BISS"), words.contains("BISS"), "{first}");
+    }
     // Set to nothing is not set.
     let (stdout, stderr, status) = with(&["read", "sim", "-q"], Some(""), Some(""));
     assert_eq!((stdout, stderr, status), run("read sim -q"));
@@ -737,6 +756,7 @@ fn a_frame_that_is_pushed_into_a_later_slot_has_its_number() {
     let missed = seq(frames[frames.len() - 1]) - seq(frames[0]) + 1 - frames.len() as u64;
     assert_eq!(summary["skipped"].as_u64(), Some(missed), "{summary}");
 }
+
 /// Repeating ends with the slot.
 #[test]
 fn retries_end_with_their_slot() {
