@@ -229,6 +229,17 @@ fn the_header_is_there_whatever_comes() {
         header(bench),
         "t_ns,seq,ok,pos,error,warning,fault,detail,ack,delay_ns,cds,crc,scd"
     );
+    // Where there is no hardware, the names are told by what they are not.
+    for (link, there, absent) in [
+        ("wave:0.0", "delay_ns", "delay_clk"),
+        ("spi:0.0", "delay_clk", "delay_ns"),
+        ("gpio:0,ma=1,slo=2", "delay_clk", "delay_ns"),
+    ] {
+        let (_, said, _) = run(&format!("read {link} -f st8 -F -"));
+        let names: Vec<&str> = said.split_whitespace().collect();
+        assert!(names.contains(&there), "{link}: {said}");
+        assert!(!names.contains(&absent), "{link}: {said}");
+    }
     let union = "read sim:frame=data8=b,mt4,pos3,crc6+st9,data4=a,data2=b,lc4,E -o csv -v -t unix";
     assert_eq!(
         header(union),

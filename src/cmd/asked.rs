@@ -67,7 +67,7 @@ pub(super) fn look(args: &cli::Read, format: &Format, counted: bool) -> Result<L
         time: args.time,
         counted,
         live,
-        delay_clk: live,
+        delay_clk: clocks_only,
         delay_ns: !clocks_only,
     });
     if let Some(list) = &args.fields {
