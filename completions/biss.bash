@@ -153,7 +153,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__loopback)
-            opts="-f -c -n -o -q -h --frame --clock --count --format --rt --cpu --quiet --help sim gpio: wave:"
+            opts="-f -c -n -o -q -h --frame --clock --count --search --format --rt --cpu --quiet --help sim gpio: wave:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -189,6 +189,13 @@ _biss() {
                     return 0
                     ;;
                 -n)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --search)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace

@@ -87,6 +87,7 @@ resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
 siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'"
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s c -l clock -d 'The only frequency of MA to try' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s n -l count -d 'Frames, or on wave transfers, at each clock [default: 1000 in process, 100 over lines, 8 on wave]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand loopback" -l search -d 'Where else to look for MA and the slave\'s SLO when a jumper is on the wrong line; each becomes an input' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f

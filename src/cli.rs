@@ -224,6 +224,10 @@ pub(crate) struct Loopback {
     #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) count: Option<u64>,
 
+    /// Where else to look for MA and the slave's SLO when a jumper is on the wrong line; each becomes an input
+    #[arg(long, value_name = "LINE,…", value_delimiter = ',')]
+    pub(crate) search: Vec<String>,
+
     /// How it is told
     #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]
     pub(crate) format: ReportFormat,

@@ -329,7 +329,7 @@ fn words(command: &str) -> Vec<String> {
 type Check = fn(&str) -> Result<(), String>;
 
 /// Options that take a value.
-const VALUED: [(&str, Check); 17] = [
+const VALUED: [(&str, Check); 18] = [
     ("-f --frame", |v| parses::<Frame>(v)),
     ("-c --clock", |v| parses::<Hertz>(v)),
     ("-i --interval", |v| parses::<Nanos>(v)),
@@ -350,6 +350,12 @@ const VALUED: [(&str, Check); 17] = [
             true => Err("a list of names".into()),
             false => Ok(()),
         }
+    }),
+    ("--search", |v| {
+        let named = v.split(',').all(|line| !line.is_empty());
+        named
+            .then_some(())
+            .ok_or(format!("`{v}` is no list of lines"))
     }),
     ("--zero", |v| parses::<Zero>(v)),
     ("-t --time", |v| {

@@ -8,9 +8,9 @@ use crate::sys::Signals;
 use anyhow::{Result, anyhow, bail};
 use biss::Format;
 use biss::frame::{BissC, Stall};
-use biss::link::bitbang::Bang;
+use biss::link::bitbang::{Bang, Pins};
 use biss::link::bus::{self, Bus, SpiBus};
-use biss::link::gpio::{self, ChipInfo, GpioPins, Line, Place, Served};
+use biss::link::gpio::{self, GpioPins, Line, Place, Served};
 use biss::link::sim::{Controller, SimBus, SimPins};
 use biss::link::spec::Far;
 use biss::link::wave::{Options, Wave};
@@ -231,20 +231,24 @@ impl Bench<'_> {
             find(&far.ma_in)?,
             find(&far.slo_out)?,
         ];
-        gpio::different(&places.each_ref())?;
+        let others = self.args.search.iter().map(|line| find(line));
+        let others = others.collect::<Result<Vec<_>, _>>()?;
+        let all: Vec<&Place> = places.iter().chain(&others).collect();
+        gpio::different(&all)?;
         let [ma, slo, ma_in, slo_out] = &places;
-        let wires = FourLines {
-            slo: slo.input("SLO")?,
-            ma_in: ma_in.input("MA of the slave")?,
-            slo_out: slo_out.output("SLO of the slave", true)?,
-            ma: ma.output("MA", true)?,
+        let (slo, ma_in) = (slo.input("SLO")?, ma_in.input("MA of the slave")?);
+        let slo_out = slo_out.output("SLO of the slave", true)?;
+        let mut wires = FourLines {
+            near: GpioPins::new(ma.output("MA", true)?, slo, None, uapi)?,
+            ma_in,
+            slo_out,
         };
         let wiring = wires.wiring()?;
         let good = wiring.is_good();
         let found = if good {
             Vec::new()
         } else {
-            wires.search(&chips, uapi, &places)?
+            wires.search(&others)?
         };
         self.tell(&Wires {
             wiring,
@@ -255,22 +259,20 @@ impl Bench<'_> {
             self.summary("the jumpers are not where they should be, so no frames were run");
             return Ok(false);
         }
-        self.fastest(wires, uapi)
+        self.fastest(wires)
     }
 
     /// Frames at one clock after the other, until the fastest that works is known.
-    fn fastest(&mut self, wires: FourLines, uapi: Uapi) -> Result<bool> {
+    fn fastest(&mut self, wires: FourLines) -> Result<bool> {
         /// Below this a loopback says nothing about reading encoders any more.
         const SLOWEST: Hertz = Hertz(100);
         let FourLines {
-            ma,
-            slo,
+            mut near,
             ma_in,
             slo_out,
         } = wires;
-        let mut pins = GpioPins::new(ma, slo, None, uapi)?;
-        pins.share_processor();
-        let mut link = Bang::new(pins);
+        near.share_processor();
+        let mut link = Bang::new(near);
         let mut far = (ma_in, slo_out);
         let asked = self.args.clock;
         let mut clock = link.set_clock(asked.unwrap_or(Hertz(10_000_000)))?.hz;
@@ -440,10 +442,9 @@ impl Noise {
     }
 }
 
-/// The lines of a loopback, with MA and the slave's SLO driven high.
+/// The lines of a loopback: the master's own two, which leave MA high whatever happens, and the slave's.
 struct FourLines {
-    ma: Line,
-    slo: Line,
+    near: GpioPins,
     ma_in: Line,
     slo_out: Line,
 }
@@ -451,73 +452,54 @@ struct FourLines {
 /// Levels settle within this: optocouplers included.
 const SETTLE: Duration = Duration::from_micros(100);
 
-/// An output of ours, by its key in the link, and how to drive it.
-type Output<'a> = (&'static str, &'a Line);
-
 impl FourLines {
-    fn settle() {
+    /// Both outputs, and whatever follows them.
+    fn drive(&mut self, ma: bool, slo_out: bool) -> Result<()> {
+        self.near.ma(ma)?;
+        self.slo_out.set(slo_out)?;
         let end = Instant::now() + SETTLE;
         while Instant::now() < end {
             std::hint::spin_loop();
         }
+        Ok(())
     }
 
     /// Moves both outputs through all their levels and looks.
-    fn wiring(&self) -> Result<Wiring> {
+    fn wiring(&mut self) -> Result<Wiring> {
         const ROUNDS: usize = 4;
         let mut looks = Vec::new();
         for (ma, slo_out) in LEVELS.repeat(ROUNDS) {
-            self.ma.set(ma)?;
-            self.slo_out.set(slo_out)?;
-            Self::settle();
+            self.drive(ma, slo_out)?;
             looks.push(Look {
                 ma,
                 slo_out,
                 ma_in: self.ma_in.get()?,
-                slo: self.slo.get()?,
+                slo: self.near.sl()?,
             });
         }
-        self.ma.set(true)?;
-        self.slo_out.set(true)?;
+        self.drive(true, true)?;
         Ok(Wiring::of(&looks))
     }
 
-    /// Other lines on which our outputs arrive: those that are free, and inputs already. Looking at one changes nothing.
-    fn search(&self, chips: &[ChipInfo], uapi: Uapi, ours: &[Place]) -> Result<Vec<Found>> {
-        let outputs: [Output; 2] = [("ma", &self.ma), ("slo-out", &self.slo_out)];
+    /// Our outputs on other lines. Only on those that were named: a pin that serves I2C, a UART or an SD card looks like
+    /// a free input, and asking for it takes it away from them (Linux, pinctrl-bcm2835.c).
+    fn search(&mut self, others: &[Place]) -> Result<Vec<Found>> {
         let mut found = Vec::new();
-        for chip in chips {
-            for info in gpio::lines(chip, uapi)? {
-                let place = gpio::find(std::slice::from_ref(chip), &info.offset.to_string(), uapi)?;
-                if info.used || info.output || ours.iter().any(|line| line.is_same(&place)) {
-                    continue;
+        for place in others {
+            let line = place.watch("looking for MA")?;
+            for (output, is_ma) in [("ma", true), ("slo-out", false)] {
+                let mut follows = true;
+                for level in [false, true, false, true] {
+                    // The other one stays high.
+                    self.drive(level || !is_ma, level || is_ma)?;
+                    follows &= line.get()? == level;
                 }
-                // A line that cannot be had is not where a jumper should be.
-                let Ok(line) = place.watch("looking for MA") else {
-                    continue;
-                };
-                for (output, driven) in outputs {
-                    if follows(driven, &line)? {
-                        let name = info.name.clone();
-                        found.push(Found {
-                            output,
-                            line: name.unwrap_or_else(|| place.shown().to_owned()),
-                        });
-                    }
+                if follows {
+                    let line = place.shown().to_owned();
+                    found.push(Found { output, line });
                 }
             }
         }
         Ok(found)
     }
-}
-
-/// Whether an input shows an output, which is high before and after.
-fn follows(output: &Line, input: &Line) -> Result<bool> {
-    let mut all = true;
-    for level in [false, true, false, true] {
-        output.set(level)?;
-        FourLines::settle();
-        all &= input.get()? == level;
-    }
-    Ok(all)
 }

@@ -66,7 +66,7 @@ pub fn different(lines: &[&Place]) -> Result<(), Error> {
             return Err(Error::new(
                 "choosing lines",
                 format!("{} is given twice", line.shown()),
-                "MA, SLO and MO are lines of their own",
+                "each line is for one thing",
             ));
         }
     }
