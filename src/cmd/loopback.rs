@@ -8,13 +8,14 @@ use crate::sys::Signals;
 use anyhow::{Result, anyhow, bail};
 use biss::Format;
 use biss::frame::{BissC, Stall};
+use biss::limits::REST_NS;
 use biss::link::bitbang::{Bang, Pins};
 use biss::link::bus::{self, Bus, SpiBus};
 use biss::link::gpio::{self, GpioPins, Line, Place, Served};
 use biss::link::sim::{Controller, SimBus, SimPins};
 use biss::link::spec::Far;
 use biss::link::wave::{Options, Wave};
-use biss::link::{Clock, Kind, Link, Uapi};
+use biss::link::{Clock, Error, Kind, Link, Uapi};
 use biss::loopback::{Echo, LEVELS, Look, Wiring};
 use biss::master::{Master, Slot};
 use biss::slave::{Config, Motion, Timeout};
@@ -51,7 +52,12 @@ pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
         Some(Kind::Gpio { .. }) => bail!(
             "a loopback over GPIO needs two more lines\n  jumper MA to a third line and a fourth line to SLO, then say all: gpio:0,ma=17,slo=27,ma-in=22,slo-out=23"
         ),
-        Some(Kind::Wave { path, .. }) => bench.wave(path),
+        Some(Kind::Wave {
+            path,
+            oversample,
+            invert,
+            ..
+        }) => bench.wave(path, *oversample, *invert),
         Some(Kind::Spi { path, .. }) => bail!(
             "on spi MA is SCLK, which no jumper brings back to MISO\n  jumper MOSI to MISO and try the same device as a pattern: {}",
             path.display()
@@ -345,11 +351,13 @@ impl Bench<'_> {
         Ok((frames, lines))
     }
 
-    fn wave(&mut self, path: &Path) -> Result<bool> {
+    fn wave(&mut self, path: &Path, samples: Option<u8>, invert: bool) -> Result<bool> {
         let mut bus = SpiBus::open(path)?;
         bus.patterns()?;
+        let mut wire = Jumpered { bus, invert };
+        let samples = samples.unwrap_or(8).into();
         let ladder: Vec<Hertz> = match self.args.clock {
-            Some(clock) => vec![Hertz(clock.0.saturating_mul(8))],
+            Some(clock) => vec![Hertz(clock.0.saturating_mul(samples))],
             None => (0..8).map(|power| Hertz(1_000_000 << power)).collect(),
         };
         let mut clean = None;
@@ -359,13 +367,19 @@ impl Bench<'_> {
             if !self.goes_on() {
                 break;
             }
-            let sclk = sclk_of(&mut bus, asked)?;
+            let sclk = wire.sclk(asked)?;
             if sclk.hz.0 <= before + before / 20 {
                 // The controller does not get any faster.
                 break;
             }
             before = sclk.hz.0;
-            let bits = self.echo(&mut bus, asked, sclk)?;
+            let bits = wire.echo(asked, sclk, self.args.count.unwrap_or(8), &|| {
+                self.goes_on()
+            })?;
+            if bits.bits == 0 {
+                // A signal came first.
+                break;
+            }
             let same = bits.echo == Echo::Same;
             self.tell(&bits)?;
             if !same {
@@ -387,12 +401,40 @@ impl Bench<'_> {
         }
         Ok(good)
     }
+}
 
-    /// Random bits out and back, as many transfers as were asked for.
-    fn echo(&mut self, bus: &mut SpiBus, asked: Hertz, sclk: Clock) -> Result<Bits> {
+/// A controller with MOSI jumpered to MISO. An encoder may still hang on it, so it leaves MOSI where MA is high.
+struct Jumpered<B: Bus> {
+    bus: B,
+    /// The MA pair is swapped.
+    invert: bool,
+}
+
+impl<B: Bus> Jumpered<B> {
+    /// MA is high so long. Returns how long it took.
+    fn high(&mut self, asked: Hertz, bytes: usize) -> Result<u64, Error> {
+        let out = vec![if self.invert { 0x00 } else { 0xFF }; bytes];
+        let began = self.bus.shift(asked, &out, &mut out.clone())?;
+        Ok(self.bus.now_ns() - began)
+    }
+
+    /// SCLK as it is when so much is asked for.
+    fn sclk(&mut self, asked: Hertz) -> Result<Clock, Error> {
+        bus::sclk(asked, self.bus.max_bytes(), |bytes| self.high(asked, bytes))
+    }
+
+    /// Random bits out and back, in so many transfers.
+    fn echo(
+        &mut self,
+        asked: Hertz,
+        sclk: Clock,
+        count: u64,
+        goes_on: &dyn Fn() -> bool,
+    ) -> Result<Bits, Error> {
         /// A transfer lasts no longer than about this.
         const SPAN_MS: usize = 50;
-        let bytes = (sclk.hz.0 as usize / 8 * SPAN_MS / 1000).clamp(64, bus.max_bytes().max(64));
+        let most = self.bus.max_bytes().max(64);
+        let bytes = (sclk.hz.0 as usize / 8 / 1000 * SPAN_MS).clamp(64, most);
         let mut noise = Noise(u64::from(asked.0));
         let (mut out, mut back) = (vec![0; bytes], vec![0; bytes]);
         let mut bits = Bits {
@@ -401,12 +443,12 @@ impl Bench<'_> {
             bits: 0,
             echo: Echo::Same,
         };
-        for _ in 0..self.args.count.unwrap_or(8) {
-            if !self.goes_on() {
+        for _ in 0..count {
+            if !goes_on() {
                 break;
             }
             out.fill_with(|| noise.byte());
-            bus.shift(asked, &out, &mut back)?;
+            self.bus.shift(asked, &out, &mut back)?;
             bits.bits += 8 * bytes as u64;
             bits.echo = Echo::of(&out, &back);
             if bits.echo != Echo::Same {
@@ -417,15 +459,12 @@ impl Bench<'_> {
     }
 }
 
-/// SCLK as it is when so much is asked for, MOSI high.
-fn sclk_of(bus: &mut SpiBus, asked: Hertz) -> Result<Clock> {
-    let high = vec![0xFF; bus.max_bytes()];
-    let mut back = high.clone();
-    let sclk = bus::sclk(asked, bus.max_bytes(), |bytes| {
-        let began = bus.shift(asked, &high[..bytes], &mut back[..bytes])?;
-        Ok(bus.now_ns() - began)
-    })?;
-    Ok(sclk)
+impl<B: Bus> Drop for Jumpered<B> {
+    fn drop(&mut self) {
+        // 40 µs at the slowest clock of the ladder; nobody is left to tell if that fails.
+        let bytes = (REST_NS * 1_000_000).div_ceil(8_000_000_000) as usize;
+        let _ = self.high(Hertz(1_000_000), bytes);
+    }
 }
 
 /// Bits without a period that a stuck or shifted line could hide in. The same ones in every run.
@@ -501,5 +540,73 @@ impl FourLines {
             }
         }
         Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use biss::link::Known;
+
+    /// MISO shows MOSI, or not; what was sent last stays on MOSI.
+    struct Short {
+        now_ns: u64,
+        jumper: fn(u8) -> u8,
+        last: std::rc::Rc<RefCell<Vec<u8>>>,
+    }
+
+    impl Bus for Short {
+        fn shift(&mut self, hz: Hertz, out: &[u8], back: &mut [u8]) -> Result<u64, Error> {
+            let began = self.now_ns;
+            self.now_ns += out.len() as u64 * 8_000_000_000 / u64::from(hz.0);
+            for (out, back) in out.iter().zip(back) {
+                *back = (self.jumper)(*out);
+            }
+            *self.last.borrow_mut() = out.to_vec();
+            Ok(began)
+        }
+        fn now_ns(&self) -> u64 {
+            self.now_ns
+        }
+        fn until(&mut self, _: u64) {}
+        fn max_bytes(&self) -> usize {
+            4096
+        }
+        fn name(&self) -> String {
+            "a short".into()
+        }
+    }
+
+    #[test]
+    fn bits_come_back_and_ma_is_left_high() {
+        type Jumper = fn(u8) -> u8;
+        let cases: [(Jumper, Echo); 3] = [
+            (|sent| sent, Echo::Same),
+            (|_| 0, Echo::StuckLow),
+            (|sent| !sent, Echo::Inverted),
+        ];
+        for ((jumper, echo), invert) in cases.iter().flat_map(|c| [(*c, false), (*c, true)]) {
+            let last = std::rc::Rc::default();
+            let mut wire = Jumpered {
+                bus: Short {
+                    now_ns: 0,
+                    jumper,
+                    last: std::rc::Rc::clone(&last),
+                },
+                invert,
+            };
+            let sclk = wire
+                .sclk(Hertz(4_000_000))
+                .unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!((sclk.hz, sclk.known), (Hertz(4_000_000), Known::Measured));
+            let bits = wire.echo(sclk.hz, sclk, 3, &|| true);
+            let bits = bits.unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(bits.echo, echo);
+            let rounds = if echo == Echo::Same { 3 } else { 1 };
+            assert_eq!(bits.bits, rounds * 8 * 4096);
+            drop(wire);
+            let high = if invert { 0x00 } else { 0xFF };
+            assert_eq!(*last.borrow(), [high; 5], "40 us at 1 MHz");
+        }
     }
 }
