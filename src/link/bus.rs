@@ -1,6 +1,7 @@
 //! What every link on an SPI bus shares: the spidev itself, its errors, and its clock as it really runs.
 
 use super::{Clock, Error, Known, Monotonic};
+use crate::limits::REST_NS;
 use crate::unit::Hertz;
 use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 use std::io;
@@ -201,19 +202,30 @@ pub fn sclk(
     took: impl FnMut(usize) -> Result<u64, Error>,
 ) -> Result<Clock, Error> {
     const SPAN_NS: u64 = 500_000;
-    let span = (u64::from(asked.0) * SPAN_NS / 8_000_000_000) as usize;
+    let bytes = |ns: u64| (u64::from(asked.0) * ns / 8_000_000_000) as usize;
+    let span = bytes(SPAN_NS);
+    // Where MOSI falls after a transfer, a slave must have timed out before, or it reads CDM = 1.
+    let rest = bytes(REST_NS) + 1;
     let short = if span < DMA_BYTES { 8 } else { DMA_BYTES };
-    let long = short + span.clamp(32, max_bytes.saturating_sub(short).max(32));
+    let short = short.max(rest).min(max_bytes / 4);
+    let long = (short + span.max(32)).min(max_bytes);
+    if short == 0 {
+        return Ok(asked_for(asked));
+    }
     Ok(match measure(asked, 3, [short, long], took)? {
         Some(hz) => Clock {
             hz,
             known: Known::Measured,
         },
-        None => Clock {
-            hz: asked,
-            known: Known::Asked,
-        },
+        None => asked_for(asked),
     })
+}
+
+fn asked_for(hz: Hertz) -> Clock {
+    Clock {
+        hz,
+        known: Known::Asked,
+    }
 }
 
 fn open_hint(error: &io::Error) -> String {
@@ -247,4 +259,40 @@ fn devices() -> Vec<String> {
         .collect();
     found.sort();
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Transfers are no longer than a message, and where they can be, long enough for a slave to time out meanwhile.
+    #[test]
+    fn sclk_is_measured_with_any_length_of_message() {
+        for max_bytes in [0, 3, 4, 64, 128, 1024, 4096, 65_536, usize::MAX] {
+            for hz in [1, 8_000, 640_000, 8_000_000, 125_000_000, 640_000_000] {
+                let (mut shortest, mut longest) = (usize::MAX, 0);
+                let clock = sclk(Hertz(hz), max_bytes, |bytes| {
+                    (shortest, longest) = (shortest.min(bytes), longest.max(bytes));
+                    Ok(7_000 + bytes as u64 * 8_000_000_000 / u64::from(hz))
+                });
+                let clock = clock.unwrap_or_else(|e| panic!("{e}"));
+                assert!(
+                    longest <= max_bytes && longest < 100_000,
+                    "{max_bytes} {hz}"
+                );
+                if max_bytes < 4 {
+                    assert_eq!((clock.known, clock.hz), (Known::Asked, Hertz(hz)));
+                    continue;
+                }
+                assert!(shortest < longest, "{max_bytes} {hz}");
+                let off = clock.hz.0.abs_diff(hz);
+                assert!(off <= hz / 50 + 1 || clock.known == Known::Asked, "{clock}");
+                let short_ns = shortest as u64 * 8_000_000_000 / u64::from(hz);
+                assert!(
+                    max_bytes < 4 * 3201 || short_ns >= REST_NS,
+                    "{max_bytes} {hz}"
+                );
+            }
+        }
+    }
 }
