@@ -5,6 +5,7 @@ mod common;
 
 use biss::cycle::Fault;
 use biss::frame::{BissC, Stall};
+use biss::link::bus::Bus;
 use biss::link::sim::{Controller, SimBus};
 use biss::link::wave::{Options, Wave};
 use biss::link::{Error, Link};
@@ -13,6 +14,8 @@ use biss::protocol::{Ability, Protocol};
 use biss::trace::{Ask, Clocks, Trace, Until};
 use biss::unit::Hertz;
 use fastrand::Rng;
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
 
 const FRAME: &str = "st26,nE,nW,crc6";
 
@@ -492,4 +495,227 @@ fn restarts_in_unseen_pauses() {
 fn read_some(link: &mut Wave<SimBus>, protocol: &BissC) {
     let mut master = Master::new(link, protocol, Some(0));
     assert!(master.open().unwrap());
+}
+
+/// How many of some frames are good; all of those the slave must have latched.
+fn good_of(link: Wave<SimBus>, timeout_max_ns: u32, about: &str) -> u32 {
+    let link = Rc::new(RefCell::new(link));
+    let mut protocol = BissC::new(FRAME.parse().unwrap());
+    protocol.timeout_max_ns = timeout_max_ns;
+    let mut shared = Rc::clone(&link);
+    let mut master = Master::new(&mut shared, &protocol, Some(0));
+    master.open().unwrap();
+    let mut good = 0;
+    for _ in 0..FEW {
+        master.slot(0, None).unwrap();
+        let word = master.cycle().words().first().copied();
+        if let Some(data) = word.and_then(|word| word.good()) {
+            let mut link = link.borrow_mut();
+            let latched = link.bus_mut().pins().slave().latched();
+            assert_eq!(latched, [data], "{about}");
+            good += 1;
+        }
+    }
+    good
+}
+
+const FEW: u32 = 6;
+
+/// MOSI falls after each transfer and nobody has said so: each begins with an edge that the slave counts. Frames may be
+/// lost by that, but none may be wrong.
+#[test]
+fn a_mosi_that_rests_low_unsaid_makes_nothing_wrong() {
+    let mut rng = common::rng();
+    let (mut good, mut frames) = (0, 0);
+    for seed in 0..common::size(400) {
+        let hz = rng.u32(80_000..=10_000_000);
+        let delay = match rng.bool() {
+            true => rng.u64(..39_000),
+            false => rng.u64(..2_000_000_000 / u64::from(hz)),
+        };
+        let timeout = match rng.u8(..4) {
+            0 => "adaptive".into(),
+            _ => format!("{}ns", rng.u64(12_500..=40_000)),
+        };
+        let config = format!(
+            "motion=count,timeout={timeout},delay={delay}ns,jitter={}ns,seed={seed},ack={},frame={FRAME}",
+            delay.min(rng.u64(..1_000_000_000 / u64::from(hz) / 8)),
+            rng.u8(1..6),
+        );
+        let controller = Controller {
+            mosi_rests: Some(false),
+            call_ns: rng.u64(..60_000),
+            ..Controller::default()
+        };
+        let link = open(&config, controller, Options::default(), hz);
+        let about = format!("{hz} Hz, {controller:?}, {config}");
+        good += good_of(link, 40_000, &about);
+        frames += FEW;
+    }
+    println!("{good} of {frames} frames were good");
+    assert!(good > 0 && good < frames);
+}
+
+/// Where MOSI rests low, MA is high for as long as the slave's timeout may be before the first edge.
+#[test]
+fn a_long_timeout_is_waited_for_where_mosi_rests_low() {
+    for delay in [0, 300, 20_000] {
+        let config = format!("motion=count,timeout=90us,delay={delay}ns,frame={FRAME}");
+        let controller = Controller {
+            mosi_rests: Some(false),
+            ..Controller::default()
+        };
+        let options = Options {
+            idle: Some(false),
+            ..Options::default()
+        };
+        let link = open(&config, controller, options, 1_000_000);
+        assert_eq!(good_of(link, 100_000, &config), FEW, "{config}");
+    }
+}
+
+/// A slave that keeps SL low after power-up gets its INIT.
+#[test]
+fn a_slave_is_initialised() {
+    for mosi_rests in [None, Some(false)] {
+        let config = format!("motion=count,power-up=low,delay=3us,frame={FRAME}");
+        let controller = Controller {
+            mosi_rests,
+            ..Controller::default()
+        };
+        let options = Options {
+            idle: mosi_rests,
+            ..Options::default()
+        };
+        let link = open(&config, controller, options, 1_000_000);
+        assert_eq!(good_of(link, 40_000, &config), FEW, "{mosi_rests:?}");
+    }
+}
+
+/// A controller that refuses to run faster than so, and is watched.
+#[derive(Debug)]
+struct Watched {
+    bus: SimBus,
+    most: Hertz,
+    /// How often the slave has read CDM = 1.
+    control: Rc<Cell<u32>>,
+    /// How long the machine takes before each transfer, in turn.
+    late_ns: [u64; 2],
+    /// What MOSI shows, once it has been moved.
+    mosi: Rc<Cell<Option<bool>>>,
+}
+
+impl Bus for Watched {
+    fn shift(&mut self, hz: Hertz, out: &[u8], back: &mut [u8]) -> Result<u64, Error> {
+        if hz > self.most {
+            return Err(Error::new("a transfer", "EINVAL", "ask for less"));
+        }
+        self.late_ns.swap(0, 1);
+        let now = self.bus.now_ns() + self.late_ns[0];
+        self.bus.until(now);
+        let slave = self.bus.pins_mut().slave_mut();
+        slave.slo(now);
+        let control = slave.take_cdm() == Some(true);
+        self.control.set(self.control.get() + u32::from(control));
+        self.mosi.set(out.last().map(|byte| byte & 1 == 1));
+        self.bus.shift(hz, out, back)
+    }
+    fn now_ns(&self) -> u64 {
+        self.bus.now_ns()
+    }
+    fn until(&mut self, ns: u64) {
+        self.bus.until(ns);
+    }
+    fn max_bytes(&self) -> usize {
+        self.bus.max_bytes()
+    }
+    fn name(&self) -> String {
+        self.bus.name()
+    }
+}
+
+/// A clock that is refused changes nothing, and MA is still left high.
+#[test]
+fn a_refused_clock_leaves_the_link_as_it_was() {
+    let mosi = Rc::new(Cell::new(None));
+    let config = format!("motion=count,frame={FRAME}").parse().unwrap();
+    let bus = Watched {
+        bus: SimBus::new(config, Controller::default()),
+        most: Hertz(20_000_000),
+        mosi: Rc::clone(&mosi),
+        control: Rc::default(),
+        late_ns: [0; 2],
+    };
+    let mut link = Wave::new(bus, Options::default(), Some(Hertz(2_000_000))).unwrap();
+    link.set_clock(Hertz(5_000_000)).unwrap_err();
+    assert_eq!(link.clock().hz, Hertz(2_000_000));
+    let protocol = BissC::new(FRAME.parse().unwrap());
+    let mut master = Master::new(&mut link, &protocol, Some(0));
+    assert!(master.open().unwrap());
+    master.slot(0, None).unwrap();
+    assert!(master.cycle().is_good());
+    assert_eq!(mosi.get(), Some(true));
+}
+
+/// Opened at a clock that the controller refuses, MA is driven high all the same.
+#[test]
+fn a_link_that_does_not_open_leaves_ma_high() {
+    let mosi = Rc::new(Cell::new(None));
+    let config = format!("motion=count,frame={FRAME}").parse().unwrap();
+    let bus = Watched {
+        bus: SimBus::new(config, Controller::default()),
+        most: Hertz(20_000_000),
+        mosi: Rc::clone(&mosi),
+        control: Rc::default(),
+        late_ns: [0; 2],
+    };
+    Wave::new(bus, Options::default(), Some(Hertz(5_000_000))).unwrap_err();
+    assert_eq!(mosi.get(), Some(true));
+}
+
+#[test]
+fn where_mosi_rests_is_said_as_far_as_it_is_known() {
+    let note = |idle, invert| {
+        let options = Options {
+            idle,
+            invert,
+            ..Options::default()
+        };
+        let config = format!("frame={FRAME}");
+        open(&config, Controller::default(), options, 1_000_000).notes()[1..].join(" ")
+    };
+    assert!(note(None, false).contains("must rest high"));
+    assert!(note(None, true).contains("must rest low"));
+    assert!(note(Some(false), false).contains("MA falls after"));
+    // As the user said: there is nothing to doubt.
+    assert_eq!(note(Some(true), false), "");
+    assert_eq!(note(Some(false), true), "");
+}
+
+/// Measuring SCLK is no control communication, even where MOSI falls after each transfer.
+#[test]
+fn opening_sends_no_control_bit() {
+    for mhz in [1, 3, 10] {
+        let control = Rc::new(Cell::new(0));
+        let config = format!("timeout=20us,frame={FRAME}").parse().unwrap();
+        let controller = Controller {
+            mosi_rests: Some(false),
+            ..Controller::default()
+        };
+        let bus = Watched {
+            bus: SimBus::new(config, controller),
+            most: Hertz(u32::MAX),
+            mosi: Rc::default(),
+            control: Rc::clone(&control),
+            // Soon enough for the edge to count, then so late that the slave times out.
+            late_ns: [60_000, 5_000],
+        };
+        let options = Options {
+            idle: Some(false),
+            ..Options::default()
+        };
+        let link = Wave::new(bus, options, Some(Hertz(mhz * 1_000_000))).unwrap();
+        drop(link);
+        assert_eq!(control.get(), 0, "{mhz} MHz");
+    }
 }

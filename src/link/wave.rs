@@ -163,13 +163,16 @@ impl<B: Bus> Wave<B> {
 
     /// SCLK as it is when so much is asked for. MA stands still meanwhile.
     fn measure(&mut self, asked: Hertz) -> Result<Clock, Error> {
-        self.choice.asked = asked;
+        let before = std::mem::replace(&mut self.choice.asked, asked);
         bus::sclk(asked, self.bus.max_bytes(), |bytes| self.high(bytes))
+            // At a clock that is refused nothing could be sent, not even MA high on the way out.
+            .inspect_err(|_| self.choice.asked = before)
     }
 
     /// Finds an SCLK of which MA is a whole part, within a twentieth of what was asked for, or else cuts clocks of
     /// slightly different lengths.
     fn choose_grid(&mut self, ma: Hertz) -> Result<(), Error> {
+        let ma = ma.max(Hertz(1));
         let first = self.options.oversample.map_or(USUAL_SAMPLES, u32::from);
         // Where a controller cannot divide to this multiple it may to another.
         let last = self.options.oversample.map_or(2 * first, u32::from);
@@ -217,13 +220,13 @@ impl<B: Bus> Wave<B> {
     }
 
     /// MA high before the first falling edge: a clock, or what a slave needs to forget the edge that came with the
-    /// transfer.
-    fn lead(&self) -> usize {
+    /// transfer, its timeout being at most so long.
+    fn lead(&self, timeout_ns: u64) -> usize {
         let clock = self.choice.grid.samples(self.choice.grid.period_ns()) + 1;
         if self.options.ma_rests_high() {
             clock
         } else {
-            clock.max(self.choice.grid.samples(REST_NS))
+            clock.max(self.choice.grid.samples(REST_NS.max(timeout_ns)))
         }
     }
 
@@ -240,7 +243,7 @@ impl<B: Bus> Wave<B> {
         };
         Plan {
             clocks,
-            lead: self.lead(),
+            lead: self.lead(ask.ready_ns.unwrap_or(0).into()),
             hold: cdm.then(|| self.choice.grid.samples(ask.hold_ns.into())),
             tail: clock + self.farthest + self.choice.grid.samples(end),
             least: 8 * DMA_BYTES,
@@ -320,7 +323,7 @@ impl<B: Bus> Link for Wave<B> {
     /// MA is high while samples of SL are taken.
     fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {
         self.bus.until(self.bus.now_ns() + ns);
-        self.high(self.lead().div_ceil(8) + 1)?;
+        self.high(self.lead(0).div_ceil(8) + 1)?;
         let level = self.back.last().map(|byte| byte & 1 == 1);
         self.ready = ns >= REST_NS && level == Some(true);
         Ok(level)
@@ -351,13 +354,15 @@ impl<B: Bus> Link for Wave<B> {
             )
         }];
         let level = if self.options.invert { "low" } else { "high" };
-        notes.push(match (self.options.ma_rests_high(), self.held) {
-            (true, true) => format!("the driver keeps MOSI {level} between transfers"),
-            (true, false) => format!(
+        if !self.options.ma_rests_high() {
+            notes.push("MA falls after each transfer and rises before the next one: only for slaves with a static timeout".into());
+        } else if self.held {
+            notes.push(format!("the driver keeps MOSI {level} between transfers"));
+        } else if self.options.idle.is_none() {
+            notes.push(format!(
                 "MOSI must rest {level} between transfers, which this driver cannot be asked for; if it does not, say idle="
-            ),
-            (false, _) => "MA falls after each transfer and rises before the next one: only for slaves with a static timeout".into(),
-        });
+            ));
+        }
         notes
     }
 }
