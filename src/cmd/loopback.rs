@@ -195,7 +195,9 @@ impl Bench<'_> {
         /// So many bad frames and no good one: it will not get any better.
         const HOPELESS: u64 = 8;
         let mut frames = Frames::new(rig, count);
+        let stop = self.signals.watch();
         let mut master = Master::new(link, protocol, None);
+        master.stop_when(&stop);
         master.open()?;
         let mut words = Vec::new();
         while frames.run < count && self.goes_on() {
@@ -282,22 +284,21 @@ impl Bench<'_> {
         let mut far = (ma_in, slo_out);
         let asked = self.args.clock;
         let mut clock = link.set_clock(asked.unwrap_or(Hertz(10_000_000)))?.hz;
-        let (mut works, mut fails) = (None::<Hertz>, None::<Hertz>);
+        // As asked for, and as it ran: calls may take longer than they were thought to.
+        let (mut works, mut fails) = (None::<(Hertz, Clock)>, None::<Hertz>);
         while self.goes_on() {
             let frames;
             (frames, far) = self.at(&mut link, clock, far)?;
-            let good = frames.is_good();
             self.tell(&frames)?;
-            if good {
-                works = works.max(Some(clock));
-            } else {
-                fails = Some(fails.map_or(clock, |fails| fails.min(clock)));
+            match frames.clock.filter(|_| frames.is_good()) {
+                Some(ran) => works = Some((clock, ran)),
+                None => fails = Some(clock),
             }
             clock = match (works, fails) {
                 _ if asked.is_some() => break,
                 (None, _) if clock <= SLOWEST => break,
                 (None, _) => Hertz((clock.0 / 2).max(SLOWEST.0)),
-                (Some(works), Some(fails)) if works.0 < fails.0 - fails.0 / 8 => {
+                (Some((works, _)), Some(fails)) if works.0 < fails.0 - fails.0 / 8 => {
                     Hertz(works.0.midpoint(fails.0))
                 }
                 _ => break,
@@ -305,10 +306,10 @@ impl Bench<'_> {
         }
         if self.goes_on() {
             match works {
-                Some(hz) if asked.is_none() => {
-                    self.summary(format_args!("the fastest clock that works is {hz}"));
+                Some((_, ran)) if asked.is_none() => {
+                    self.summary(format_args!("the fastest clock that works is {ran}"));
                 }
-                Some(hz) => self.summary(format_args!("{hz} works")),
+                Some((_, ran)) => self.summary(format_args!("{ran} works")),
                 None => self.summary(
                     "the jumpers are right, but no clock works: is another program using the processors? try --rt 50",
                 ),
