@@ -278,5 +278,97 @@ mod tests {
         let spans = pattern.rises().windows(2).map(|pair| pair[1] - pair[0]);
         assert_eq!(spans.clone().min(), Some(5));
         assert_eq!(spans.max(), Some(6));
+        let grid = Grid::broken(1_500_000, 7_812_500);
+        assert_eq!((grid.jitter_ns(), grid.ns(1)), (128, 128));
+        assert_eq!(Grid::broken(1_000_000, 8_000_000).jitter_ns(), 0);
+    }
+
+    #[test]
+    fn samples_last_as_long_as_they_should() {
+        let grid = Grid::whole(8, 7_000_000);
+        for (ns, samples) in [
+            (0, 0),
+            (1, 1),
+            (142, 1),
+            (143, 2),
+            (40_000, 280),
+            (40_001, 281),
+        ] {
+            assert_eq!(grid.samples(ns), samples, "{ns}");
+        }
+        // The longest times at the fastest rate.
+        let grid = Grid::whole(4, u32::MAX);
+        assert_eq!(grid.samples(u32::MAX.into()) as u64, 18_446_744_066);
+    }
+
+    /// What comes back of `bits`, one after each rising edge and `delay` samples later, then SL = 1 at `ready`.
+    fn back(pattern: &Pattern, bits: &str, delay: usize, ready: usize) -> Vec<u8> {
+        let mut sl = vec![0xFF; pattern.bytes().len()];
+        for (rise, bit) in pattern.rises().iter().zip(bits.chars()) {
+            for at in rise + delay..ready {
+                set(&mut sl, at, bit == '1');
+            }
+        }
+        sl
+    }
+
+    fn set(sl: &mut [u8], at: usize, level: bool) {
+        let mask = 0x80 >> (at % 8);
+        sl[at / 8] = sl[at / 8] & !mask | if level { mask } else { 0 };
+    }
+
+    #[test]
+    fn levels_become_a_trace() {
+        let plan = Plan {
+            clocks: 6,
+            tail: 60,
+            ..PLAN
+        };
+        for (hold, delay) in [(None, 0), (None, 3), (None, 13), (Some(20), 6)] {
+            let mut pattern = Pattern::new(Grid::whole(4, 4_000_000));
+            pattern.plan(&Plan { hold, ..plan });
+            let (first, rises) = (pattern.first_fall(), pattern.rises());
+            // CDM = 1 takes MA low half a clock after the last rising edge.
+            let last = rises[5] + if hold.is_some() { 2 } else { 0 };
+            let good = back(&pattern, "101100", delay, last + delay + 9);
+            let mut trace = Trace::default();
+            assert_eq!(pattern.read(&good, &mut trace), Some(delay));
+            assert_eq!(trace.bits.to_string(), "101100", "{hold:?} {delay}");
+            assert_eq!(trace.idle, Some(true));
+            assert_eq!(trace.cdm, Some(hold.is_some()));
+            assert_eq!(trace.delay_ns, Some(250 * delay as u32));
+            assert_eq!(trace.ready_ns, Some(250 * (delay as u32 + 9)));
+            assert_eq!(trace.reference_ns, Some(1500));
+            assert_eq!(trace.ma_period_ns, Some(1000));
+            let longest = trace.longest.map(|level| (level.ns, level.edge));
+            assert_eq!(longest, Some((1000, 2)));
+
+            // SL before the first edge.
+            for (at, idle) in [(first - 1, false), (first, true)] {
+                let mut sl = good.clone();
+                set(&mut sl, at, false);
+                let mut trace = Trace::default();
+                pattern.read(&sl, &mut trace);
+                assert_eq!(trace.idle, Some(idle));
+            }
+            // Down before edge 2: something else than this frame has answered.
+            let mut sl = good.clone();
+            set(&mut sl, rises[1] - 1, false);
+            let mut trace = Trace::default();
+            pattern.read(&sl, &mut trace);
+            assert_eq!(trace.bits.to_string(), "001100", "{hold:?} {delay}");
+            // A line that does not come back, and one that is longer than the pattern.
+            let stuck = back(&pattern, "101100", delay, 8 * good.len());
+            let mut trace = Trace::default();
+            pattern.read(&stuck, &mut trace);
+            assert_eq!(trace.ready_ns, None);
+            let mut trace = Trace::default();
+            pattern.read(&good[..(rises[5] + delay) / 8], &mut trace);
+            assert!(trace.bits.len() < 6 && trace.ready_ns.is_none());
+            let mut trace = Trace::default();
+            assert_eq!(pattern.read(&vec![0xFF; good.len()], &mut trace), None);
+            assert_eq!(trace.bits.to_string(), "111111");
+            assert_eq!((trace.delay_ns, trace.ready_ns), (None, None));
+        }
     }
 }
