@@ -863,6 +863,16 @@ fn a_loopback_in_process_needs_no_hardware() {
         assert_eq!(good.unwrap() + bad.unwrap(), 200, "{step}");
         assert_eq!(step["wrong"], 0);
     }
+
+    // Without a CRC a flipped bit is a position that was never sent.
+    let (stdout, _, status) = run("loopback sim:flip=2%,frame=st12,nE,nW -c 1MHz -n 100 -o json");
+    assert_eq!(status, Some(1));
+    for step in json(&stdout) {
+        let (good, wrong) = (step["as_sent"].as_u64(), step["wrong"].as_u64());
+        assert_eq!(step["ok"], false);
+        assert!(wrong > Some(0), "{step}");
+        assert_eq!(good.unwrap() + wrong.unwrap(), 100, "{step}");
+    }
 }
 
 #[test]
