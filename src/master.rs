@@ -101,7 +101,7 @@ pub struct Master<'a> {
     /// Look for a better phase after so many faults in a row.
     patience: u32,
     phase: Phase,
-    /// Says that it is time to end, before a frame is repeated.
+    /// Says that it is time to end, before a frame is repeated or run for learning.
     stop: Option<&'a dyn Fn() -> bool>,
     /// The clock to come back to after looking at another.
     asked: Hertz,
@@ -146,9 +146,13 @@ impl<'a> Master<'a> {
         self.distance_ns = ns;
     }
 
-    /// Repeats no frame any more once `stop` says so.
+    /// Repeats no frame any more once `stop` says so, and learns nothing: at a slow clock that takes a minute.
     pub fn stop_when(&mut self, stop: &'a dyn Fn() -> bool) {
         self.stop = Some(stop);
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.is_some_and(|stop| stop())
     }
 
     /// The link.
@@ -208,6 +212,9 @@ impl<'a> Master<'a> {
                 self.widen = 0;
                 break;
             }
+            if self.stops() {
+                break;
+            }
             self.attempt(0)?;
             self.judge();
             if let Some(fault) = self.fault() {
@@ -247,8 +254,7 @@ impl<'a> Master<'a> {
             };
             let now = self.link.now_ns();
             let room = end_ns.is_none_or(|end| now + now.saturating_sub(began) + REST_NS <= end);
-            let stop = self.stop.is_some_and(|stop| stop());
-            if !(live && again && room) || stop {
+            if !(live && again && room) || self.stops() {
                 if let Some(fault) = doubt {
                     self.cycle.spoil(fault);
                 }
@@ -454,6 +460,9 @@ impl<'a> Master<'a> {
         self.tracker.forget();
         let (mut good, mut found) = (0, None::<u16>);
         for _ in 0..4 * PHASE_FRAMES {
+            if self.stops() {
+                return Ok(Delay::Unknown);
+            }
             self.attempt(0)?;
             match self.fault() {
                 // The machine's fault, not the phase's.
@@ -514,7 +523,7 @@ impl<'a> Master<'a> {
     fn steady_frames(&mut self) -> Result<u32, Error> {
         self.tracker.forget();
         let (mut good, mut tries, mut heads) = (0, 0, None::<(u16, u16)>);
-        while tries < PHASE_FRAMES {
+        while tries < PHASE_FRAMES && !self.stops() {
             self.attempt(0)?;
             if self.fault().is_some_and(|fault| self.more_room(fault)) {
                 continue;

@@ -207,6 +207,21 @@ fn only_what_repeating_can_help_is_repeated() {
     assert!((2..=8).contains(&wander), "{wander}");
 }
 
+/// Opening takes a dozen frames and more; a signal ends it after the one that runs.
+#[test]
+fn opening_ends_with_a_signal() {
+    for frames in [0, 1, 3, 7] {
+        let mut link = sim::open("frame=st8,crc6".parse().unwrap());
+        let protocol = BissC::new("st8,crc6".parse().unwrap());
+        let mut master = Master::new(&mut link, &protocol, None);
+        let asked = std::cell::Cell::new(0);
+        let stop = move || asked.replace(asked.get() + 1) >= frames;
+        master.stop_when(&stop);
+        master.open().unwrap();
+        assert_eq!(link.pins_mut().slave().latches(), frames);
+    }
+}
+
 const FRAME: &str = "st26,nE,nW,crc6";
 
 #[test]
