@@ -264,7 +264,13 @@ impl Bench<'_> {
             uapi,
         })?;
         if !good {
-            self.summary("the jumpers are not where they should be, so no frames were run");
+            let hint = match self.args.search.is_empty() {
+                true => "; --search looks for MA and SLO on the lines that it names",
+                false => "",
+            };
+            self.summary(format_args!(
+                "the jumpers are not where they should be, so no frames were run{hint}"
+            ));
             return Ok(false);
         }
         self.fastest(wires)
