@@ -882,6 +882,10 @@ fn a_loopback_says_what_it_needs() {
         ("loopback file:x.vcd", "needs no hardware"),
         ("loopback gpio:0,ma=17,slo=27", "ma-in=22,slo-out=23"),
         ("loopback gpio:0,ma=17,slo=27,ma-in=22", "slo-out=LINE"),
+        (
+            "loopback gpio:0,ma=17,slo=27,mo=22,ma-in=23,slo-out=24",
+            "leave mo= out",
+        ),
         ("loopback -n 0", "1.."),
         (
             "read gpio:0,ma=17,slo=27,ma-in=22,slo-out=23 -f st8",

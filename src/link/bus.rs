@@ -212,7 +212,7 @@ pub fn sclk(
     if short == 0 {
         return Ok(asked_for(asked));
     }
-    Ok(match measure(asked, 3, [short, long], took)? {
+    Ok(match measure(asked, 5, [short, long], took)? {
         Some(hz) => Clock {
             hz,
             known: Known::Measured,
