@@ -186,20 +186,35 @@ impl Edges {
         Some(sum / count)
     }
 
-    /// SL falling after the second rising edge (D2, p. 8).
+    /// SL falling after the second rising edge (D2, p. 8), until the start bit: that comes a clock later, or three quarters
+    /// of one. What is shorter is a spike, and no Ack.
     fn delay(&self) -> Option<u64> {
         let second = *self.rises.get(1)?;
-        let before = self.slo.iter().take_while(|(t, _)| *t <= second).last();
+        let after = self.slo.partition_point(|(t, _)| *t <= second);
+        let before = after.checked_sub(1).and_then(|at| self.slo.get(at));
         if before.is_some_and(|(_, level)| *level == Some(false)) {
             // Down already: the analyser's channels are not quite in step.
             return Some(0);
         }
-        let (t, _) = self
-            .slo
-            .iter()
-            .skip(1)
-            .find(|(t, level)| *t >= second && *level == Some(false))?;
-        Some(t - second)
+        let shortest = self.shortest_ns.unwrap_or(0) / 2;
+        let mut changes = self.slo.get(after..)?.iter().peekable();
+        while let Some((t, level)) = changes.next() {
+            let stays = changes.peek().is_none_or(|(next, _)| next - t > shortest);
+            if *level == Some(false) && stays {
+                return Some(t - second);
+            }
+        }
+        None
+    }
+
+    /// Three rising edges within little more than a clock: one of them is a spike on MA, and whether the slave took it for
+    /// a clock nobody knows. A clock that catches up after a pause has a long one beside the short ones.
+    fn crowded(&self, index: usize, period: u64) -> bool {
+        let next = self.rises.get(index + 1);
+        let before = index.checked_sub(1).and_then(|at| self.rises.get(at));
+        before
+            .zip(next)
+            .is_some_and(|(before, next)| next - before <= period + period / 4)
     }
 
     /// When SL was first 0 since the cycle began: before that there is nothing that a pause could cut.
@@ -565,7 +580,7 @@ fn sample(edges: &Edges, trace: &mut Trace) {
                 rise.saturating_add(delay.unwrap_or(0) + short.unwrap_or(period) / 2)
             }
         };
-        if at > edges.end_ns {
+        if at > edges.end_ns || edges.crowded(index, period) {
             break;
         }
         while let Some((_, next)) = changes.next_if(|(t, _)| *t <= at) {
