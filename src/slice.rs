@@ -14,7 +14,8 @@
 //! | left | 0 |
 //!
 //! Where the clock is constant a line through all rising edges stands for them, late by half a sample all of it, and the
-//! last -1/8 is nearly gone. Where it is not, edges are taken one by one: a pause is never smoothed over.
+//! last -1/8 is nearly gone. Where it is not quite, edges are taken halfway between their stamps and that line, else one by
+//! one: a pause is never smoothed over.
 //! The same sum parts a bit from SL = 1: after the last rising edge and the line delay a bit comes at most 1/4 + 2q = 1/2
 //! later, SL = 1 of an adaptive slave at least 3/2 - 1/4 - 2q = 1 later. Without line delay the next
 //! bit is no later than that, but with its own edge, or a sample before it where the analyser's channels are not quite in
@@ -78,6 +79,8 @@ enum Begin {
 struct Line {
     first_ns: f64,
     period_ns: f64,
+    /// No two edges part by more than a sample of eight a clock: no pattern of longer and shorter clocks is in them.
+    constant: bool,
 }
 
 impl Line {
@@ -99,14 +102,17 @@ impl Line {
         let first_ns = sum / n - middle * period_ns;
         // Whole nanoseconds are a sample too.
         let most = period_ns / 8.0 + 1.0;
-        let straight = rises.iter().enumerate().all(|(index, rise)| {
+        let (mut early, mut late) = (0f64, 0f64);
+        for (index, rise) in rises.iter().enumerate() {
             let t_ns = (rise - origin) as f64;
-            (t_ns - first_ns - index as f64 * period_ns).abs() <= most
-        });
+            let off_ns = t_ns - first_ns - index as f64 * period_ns;
+            (early, late) = (early.min(off_ns), late.max(off_ns));
+        }
         let first_ns = first_ns + *origin as f64;
-        straight.then_some(Line {
+        (late.max(-early) <= most).then_some(Line {
             first_ns,
             period_ns,
+            constant: late - early <= most,
         })
     }
 
@@ -570,8 +576,14 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     for (index, rise) in edges.rises.iter().enumerate() {
         let at = match line {
             Some(line) => {
-                let delay = ack_ns.map_or(0.0, |ack| ack as f64 - line.at(1));
-                (line.at(index) + delay + line.period_ns / 2.0) as u64
+                // Where some clocks are longer than others the truth is between the line and the edges.
+                let weight = if line.constant { 0.0 } else { 0.5 };
+                let place = |index: usize| {
+                    let edge_ns = edges.rises.get(index).map_or(0.0, |rise| *rise as f64);
+                    line.at(index) * (1.0 - weight) + edge_ns * weight
+                };
+                let delay = ack_ns.map_or(0.0, |ack| ack as f64 - place(1));
+                (place(index) + delay + line.period_ns / 2.0) as u64
             }
             None => {
                 // A bit is as long as its clock, which may be shorter than most.

@@ -484,6 +484,31 @@ fn no_frame_is_lost_anywhere_between() {
     );
 }
 
+/// A controller that rests after every eighth clock makes a staircase of the edges, which no line goes through: bits are
+/// read neither by a line alone nor by stamps that are a sample late each.
+#[test]
+fn no_frame_is_lost_where_every_eighth_clock_is_longer() {
+    let mut rng = rng();
+    let mut total = Tally::default();
+    for _ in 0..size(5_000) {
+        let period_ns = 100.0 * 70f64.powf(rng.f64());
+        let samples = 8.0 + 0.1 * rng.f64() * f64::from(rng.u8(..2));
+        let delay_ns = any_delay(period_ns, &mut rng);
+        let mut case = Case::new(period_ns, delay_ns, "20us", 1, &mut rng);
+        case.gap_ns = period_ns * *rng.choice(&[0.1, 0.15, 0.2]).unwrap();
+        let (wires, latched) = case.run(6, &mut rng);
+        let every = period_ns / samples;
+        let seen = sampled(&wires.levels(), every, rng.f64() * every);
+        let read = read_levels(&seen, wires.t_ns, &case.protocol());
+        total.count(&case, samples, &latched, &read);
+    }
+    total.say("gaps");
+    assert!(
+        total.lost == 0 && total.wrong == 0,
+        "lost or wrong: see above"
+    );
+}
+
 /// Whole frames after a piece are known by the line delay they have in common, however close they follow.
 #[test]
 fn a_recording_may_begin_inside_a_frame() {
