@@ -188,7 +188,17 @@ impl Pattern {
         for (edge, pair) in self.rises.windows(2).enumerate() {
             trace.level(grid.ns(pair[1] - pair[0]), edge as u16 + 2);
         }
-        let delay = second.and_then(|rise| Some(find(rise, false)? - rise));
+        let delay = second.and_then(|rise| {
+            let mut from = rise;
+            loop {
+                let ack = find(from, false)?;
+                // Three quarters of a clock at least until the start bit: what is shorter is a spike, and no Ack.
+                match find(ack, true) {
+                    Some(up) if up - ack < grid.period() / 2 => from = up,
+                    _ => return Some(ack - rise),
+                }
+            }
+        });
         trace.delay_ns = delay.and_then(ns);
         // Down before the edge that brings Ack: that is no answer to this frame.
         let early = second.is_some_and(|rise| level(rise - 1) == Some(false));
@@ -369,6 +379,35 @@ mod tests {
             assert_eq!(pattern.read(&vec![0xFF; good.len()], &mut trace), None);
             assert_eq!(trace.bits.to_string(), "111111");
             assert_eq!((trace.delay_ns, trace.ready_ns), (None, None));
+        }
+    }
+
+    /// Crosstalk: SL is low for less than half a clock before its Ack. The bits lie where the Ack says.
+    #[test]
+    fn a_spike_is_no_ack() {
+        for (samples, spike) in [(4, 1), (5, 1), (8, 3), (16, 7)] {
+            let clocks = 6;
+            let mut pattern = Pattern::new(Grid::whole(samples, 8_000_000));
+            pattern.plan(&Plan {
+                clocks,
+                tail: 40,
+                ..PLAN
+            });
+            let period = samples as usize;
+            let second = pattern.rises()[1];
+            let ack = second + period + period / 2;
+            let mut sl = vec![0xFF; pattern.bytes().len()];
+            let mut low = |from: usize, to: usize| {
+                (from..to).for_each(|at| sl[at / 8] &= !(0x80u8 >> (at % 8)));
+            };
+            // Ack, start, and zeros; in its last quarter an Ack may be cut short.
+            low(second + 1, second + 1 + spike);
+            low(ack, ack + period - period / 4);
+            low(ack + 2 * period, ack + 4 * period);
+            let mut trace = Trace::default();
+            let delay = pattern.read(&sl, &mut trace);
+            assert_eq!(delay, Some(ack - second), "{samples} samples a clock");
+            assert_eq!(trace.bits.to_string(), "101001");
         }
     }
 }
