@@ -357,6 +357,32 @@ mod tests {
         );
     }
 
+    /// Twice in a row, and with every word good: a piece of an earlier frame that comes now and then is no other line.
+    #[test]
+    fn another_line_delay_between_frames_of_the_old_one_does_not_count() {
+        let mut tracker = Tracker::trusting();
+        assert_eq!(
+            run_delays(&mut tracker, &[5000, 8000, 5000, 8000, 5000]),
+            "+-+-+"
+        );
+        let pair = "st8,crc6+st8,crc6";
+        let mut judge = |delay_ns: u32, flip: Option<usize>| {
+            let (format, mut cycle) = cycle(pair, 3, &[1, 2], flip);
+            let trace = Trace {
+                delay_ns: Some(delay_ns),
+                ma_period_ns: Some(1000),
+                ..Trace::default()
+            };
+            tracker.judge(&format, &trace, &mut cycle)
+        };
+        for _ in 0..3 {
+            let half = judge(8000, Some(25));
+            assert!(matches!(half, Verdict::Doubtful(Fault::Delay { .. })));
+        }
+        assert!(matches!(judge(8000, None), Verdict::Doubtful(_)));
+        assert_eq!(judge(5000, None), Verdict::Stands);
+    }
+
     #[test]
     fn a_single_one_is_forgotten() {
         let mut tracker = Tracker::default();
