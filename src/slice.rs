@@ -807,6 +807,38 @@ mod tests {
         }
     }
 
+    /// Bits of a long line rise while MA rests, as SL does at the end of a cycle: what follows in the same frame is no
+    /// cycle whose beginning is known, unless MA rested longer than any timeout.
+    #[test]
+    fn a_rest_in_which_bits_arrive_is_no_certain_beginning() {
+        let config = "motion=still,pos=85,delay=15us,timeout=40us,frame=st8,crc6";
+        let mut pieces = 0;
+        for rest in [17_000, 25_000, 38_000] {
+            for (from, at) in
+                (2..EDGES).flat_map(|from| (from + 1..EDGES).map(move |at| (from, at)))
+            {
+                let mut bench = Bench::new(config);
+                bench.pass(50_000);
+                bench.clock(from, 500);
+                bench.slicer = Slicer::new(40_000);
+                let level = bench.slave.slo(bench.t);
+                bench.slicer.push(bench.t, true, Some(level));
+                bench.clock(at - from, 500);
+                bench.pass(rest);
+                bench.clock(EDGES - at + 20, 500);
+                bench.pass(90_000);
+                bench.slicer.finish(bench.t);
+                let mut trace = Trace::default();
+                while bench.slicer.take(&mut trace) {
+                    let known = trace.cut != Some(Cut::Begin) && !trace.unconfirmed;
+                    assert!(!known, "{rest} {from} {at}: {trace:?}");
+                    pieces += 1;
+                }
+            }
+        }
+        assert!(pieces > 600, "{pieces}: nothing was cut in two");
+    }
+
     #[test]
     fn unknown_levels_cut_the_frame() {
         let mut slicer = Slicer::new(40_000);
