@@ -756,3 +756,29 @@ fn nothing_after_a_spike_on_ma_is_a_bit() {
         assert_eq!(words, [], "latched {:?}", wires.latched);
     }
 }
+
+/// A recording begins inside a frame, and too few follow to tell by their line delay that they are whole: pieces, none of
+/// them a position.
+#[test]
+fn too_few_frames_after_a_piece_are_pieces() {
+    let mut rng = rng();
+    let protocol = BissC::new(FORMAT.parse().unwrap());
+    for follow in 1..=4 {
+        let config = format!("motion=count,timeout=adaptive,frame={FORMAT}");
+        let mut wires = Wires::new(&config, 700, 0, &mut rng);
+        wires.until(90_000);
+        for _ in 0..=follow {
+            let begin = wires.t_ns;
+            for edge in 0..2 * EDGES {
+                wires.ma(begin + edge * 500, edge % 2 == 1);
+            }
+            wires.ready(500);
+        }
+        wires.until(wires.t_ns + 90_000);
+        let mut levels = wires.levels();
+        levels.retain(|(t_ns, ..)| *t_ns > 100_000);
+        let (words, faults) = read_levels(&levels, wires.t_ns, &protocol);
+        let want = if follow < 4 { 0 } else { 4 };
+        assert_eq!(words.len(), want, "{follow} after it: {words:?} {faults:?}");
+    }
+}
