@@ -458,8 +458,9 @@ impl<'a> Master<'a> {
     fn delay_at(&mut self, phase: Phase) -> Result<Delay, Error> {
         self.link.set_phase(phase)?;
         self.tracker.forget();
-        let (mut good, mut found) = (0, None::<u16>);
-        for _ in 0..4 * PHASE_FRAMES {
+        let (mut good, mut silent, mut found) = (0, 0, None::<u16>);
+        // On a busy machine most frames are stalled.
+        for _ in 0..16 * PHASE_FRAMES {
             if self.stops() {
                 return Ok(Delay::Unknown);
             }
@@ -467,7 +468,14 @@ impl<'a> Master<'a> {
             match self.fault() {
                 // The machine's fault, not the phase's.
                 Some(Fault::Stalled { .. }) => continue,
-                Some(Fault::NotReady { .. } | Fault::NoAck { .. }) => return Ok(Delay::Unknown),
+                // So may one frame without an answer be; two are the encoder's.
+                Some(Fault::NotReady { .. } | Fault::NoAck { .. }) => {
+                    silent += 1;
+                    if silent == 2 {
+                        return Ok(Delay::Unknown);
+                    }
+                    continue;
+                }
                 _ => {}
             }
             let delay = self

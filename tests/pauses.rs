@@ -213,3 +213,78 @@ fn no_pause_yields_a_position() {
         total.paused
     );
 }
+
+/// Pins of a machine that is busy for a while: hardly a frame is not paused somewhere.
+struct Busy {
+    pins: SimPins,
+    rng: Rng,
+    busy: Rc<RefCell<bool>>,
+}
+
+impl Busy {
+    fn pass(&mut self) {
+        let pause = *self.busy.borrow() && self.rng.u32(..80) == 0;
+        let ns = if pause {
+            self.rng.u64(200..20_000)
+        } else {
+            100
+        };
+        self.pins.until(self.pins.now_ns() + ns);
+    }
+}
+
+impl Pins for Busy {
+    fn ma(&mut self, high: bool) -> Result<(), Error> {
+        self.pass();
+        self.pins.ma(high)
+    }
+    fn sl(&mut self) -> Result<bool, Error> {
+        self.pass();
+        self.pins.sl()
+    }
+    fn now_ns(&self) -> u64 {
+        self.pins.now_ns()
+    }
+    fn until(&mut self, ns: u64) {
+        self.pins.until(ns);
+    }
+    fn cost_ns(&self) -> (u64, u64) {
+        (100, 100)
+    }
+    fn virtual_time(&self) -> bool {
+        true
+    }
+}
+
+/// With a line delay of whole clocks SL changes just where it is sampled first. The place to sample is looked for when a
+/// link is opened, and must be found however busy the machine is then.
+#[test]
+fn the_place_to_sample_is_found_on_a_busy_machine() {
+    let mut rng = rng();
+    let (mut opened, mut faults) = (0usize, 0usize);
+    for round in 0..size(1_000) {
+        let clocks = rng.u32(1..=9);
+        let config = format!(
+            "motion=count,delay={}us,jitter=200ns,seed={round},frame=st26,nE,nW,crc6",
+            4 * clocks
+        );
+        let busy = Rc::new(RefCell::new(true));
+        let mut link = Bang::new(Busy {
+            pins: SimPins::new(config.parse().unwrap()),
+            rng: Rng::with_seed(rng.u64(..)),
+            busy: Rc::clone(&busy),
+        });
+        let protocol = BissC::new("st26,nE,nW,crc6".parse().unwrap());
+        let mut master = Master::new(&mut link, &protocol, None);
+        // Where the start bit stands may need more frames than opening spends; the slots go on learning.
+        master.open().unwrap();
+        opened += 1;
+        *busy.borrow_mut() = false;
+        for _ in 0..10 {
+            master.slot(0, None).unwrap();
+            faults += usize::from(!master.cycle().is_good());
+        }
+    }
+    println!("{faults} bad frames after {opened} openings");
+    assert!(faults * 10 < opened, "{faults} of {opened}");
+}
