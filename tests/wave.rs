@@ -670,6 +670,8 @@ struct Watched {
     late_ns: [u64; 2],
     /// One sample of each transfer is upside down.
     spikes: Option<Rng>,
+    /// Eight samples of each transfer are low.
+    bursts: Option<Rng>,
     /// Where MOSI was asked to rest.
     rests: Option<bool>,
     /// What MOSI shows, once it has been moved.
@@ -692,6 +694,9 @@ impl Bus for Watched {
         let began = self.bus.shift(hz, out, back)?;
         if let Some(rng) = &mut self.spikes {
             back[rng.usize(..out.len())] ^= 0x80 >> rng.u8(..8);
+        }
+        if let Some(rng) = &mut self.bursts {
+            back[rng.usize(..out.len())] = 0;
         }
         Ok(began)
     }
@@ -722,6 +727,7 @@ impl Watched {
             control: Rc::default(),
             late_ns: [0; 2],
             spikes: None,
+            bursts: None,
             rests: None,
         }
     }
@@ -792,6 +798,28 @@ fn a_spike_on_sl_makes_nothing_wrong() {
     }
     println!("{good} of {frames} frames were good");
     assert!(good > 0 && good < frames);
+}
+
+/// Bursts of noise on a dead line look like answers that come late, but a line delays by so much and no more: transfers
+/// do not grow without end.
+#[test]
+fn noise_on_a_dead_line_does_not_lengthen_transfers() {
+    let mut bus = Watched::new(&format!("stuck=1,frame={FRAME}"), Controller::default());
+    bus.bursts = Some(common::rng());
+    let link = Wave::new(bus, Options::default(), Some(Hertz(1_000_000))).unwrap();
+    let link = Rc::new(RefCell::new(link));
+    let mut shared = Rc::clone(&link);
+    let protocol = BissC::new(FRAME.parse().unwrap());
+    let mut master = Master::new(&mut shared, &protocol, Some(0));
+    master.open().unwrap();
+    let mut longest = 0;
+    for _ in 0..2_000 {
+        master.slot(0, None).unwrap();
+        assert!(!master.cycle().is_good());
+        longest = longest.max(link.borrow().last().0.bytes().len());
+    }
+    // 8 samples a µs: both searches, timeout and delay at their longest, and the frame.
+    assert!(longest < 40 + 40 + 80 + 80 + 60, "{longest} bytes");
 }
 
 #[test]

@@ -267,7 +267,9 @@ impl<B: Bus> Wave<B> {
         trace.t_ns = self.send()? + lead_ns;
         trace.surplus = ask.clocks.surplus;
         let delay = self.pattern.read(&self.back, trace);
-        self.farthest = self.farthest.max(delay.unwrap_or(0));
+        // The hold allows for the longest line delay; what comes later is noise.
+        let most = self.choice.grid.samples(ask.clocks.hold_ns.into());
+        self.farthest = self.farthest.max(delay.unwrap_or(0).min(most));
         self.ready = trace.ready_ns.is_some();
         Ok(())
     }
