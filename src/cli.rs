@@ -60,7 +60,7 @@ Examples:
   biss read gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 0 -i 1ms  two GPIO lines, every millisecond
   biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording
   biss list                                                    what this machine has for an encoder
-  biss loopback                                                the whole program against itself, no hardware";
+  biss loopback                                                the program against itself";
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
