@@ -125,6 +125,10 @@ impl Line {
 /// By how much a rest may be shorter than its stamps say: a sample, of eight at the slowest clock.
 const STAMP_MAX_NS: u64 = 1_000_000_000 / (CLOCK_MIN_HZ as u64 * 8) + 1;
 
+/// SL changes once a clock at most, and spikes may be among that. More is noise, or MA never rests: from there on SL counts
+/// as unknown, and no memory and no time are spent on it.
+const MOST_CHANGES: usize = 2 * MAX_CLOCKS;
+
 /// So many likely cycles in a row with the same line delay are certain. Pieces measure a delay too, and all bits of a line
 /// stand at the same place in a clock: two or three that agree were met, by chance, in millions of recordings.
 const CONFIRMING: usize = 4;
@@ -367,7 +371,11 @@ impl Slicer {
         if self.state == State::Rest {
             return;
         }
-        self.cycle.slo.push((t_ns, level));
+        match self.cycle.slo.len() {
+            ..MOST_CHANGES => self.cycle.slo.push((t_ns, level)),
+            MOST_CHANGES => self.cycle.slo.push((t_ns, None)),
+            _ => {}
+        }
         if level == Some(true) && self.slave_let_go(t_ns) {
             self.let_go = Some(t_ns);
         }
@@ -415,7 +423,9 @@ impl Slicer {
         let mut suspect = None;
         if self.state == State::Running && !ma && self.cycle.answered().is_none() {
             let rest = t_ns - self.cycle.rises.last().copied().unwrap_or(t_ns);
-            if self.cycle.period().is_some_and(|period| rest > 3 * period) {
+            // Hardly ever, and the period takes a look at all edges.
+            let long = self.cycle.shortest_ns.is_some_and(|ns| rest > 3 * ns);
+            if long && self.cycle.period().is_some_and(|period| rest > 3 * period) {
                 let until = self.cycle.asked_by(t_ns).saturating_add(LINE_DELAY_MAX_NS);
                 suspect = Some((until, rest)).max(self.cycle.suspect);
                 self.end(t_ns, None);
@@ -427,7 +437,14 @@ impl Slicer {
                 self.cycle.suspect = suspect;
             }
             (State::Rest, true) => {}
-            (State::Armed | State::Running, false) => self.cycle.falls.push(t_ns),
+            (State::Armed | State::Running, false) => {
+                let falls = &mut self.cycle.falls;
+                if falls.len() > MAX_CLOCKS {
+                    // As the rising edges: those before the last two are kept, and the one to come.
+                    falls.remove(MAX_CLOCKS - 2);
+                }
+                falls.push(t_ns);
+            }
             (State::Armed | State::Running, true) => self.rise(t_ns),
         }
     }
@@ -852,6 +869,38 @@ mod tests {
         let mut trace = Trace::default();
         assert!(slicer.take(&mut trace));
         assert_eq!(trace.bits.len(), 5);
+    }
+
+    /// MA never rests, and SL is quiet, or spikes in every clock. The next frame is read all the same.
+    #[test]
+    fn an_endless_cycle_takes_no_memory() {
+        for spikes in [false, true] {
+            let mut bench = Bench::new(CONFIG);
+            for clock in 0..3 * MAX_CLOCKS as u64 {
+                let t_ns = 1000 * (clock + 1);
+                bench.slicer.push(t_ns, false, Some(true));
+                bench.slicer.push(t_ns + 500, true, Some(true));
+                bench.slicer.push(t_ns + 600, true, Some(!spikes));
+                bench.slicer.push(t_ns + 620, true, Some(true));
+            }
+            let cycle = &bench.slicer.cycle;
+            let kept = [&cycle.rises, &cycle.falls].map(Vec::len);
+            assert_eq!(kept, [MAX_CLOCKS, MAX_CLOCKS + 1]);
+            assert_eq!(cycle.slo.len(), if spikes { MOST_CHANGES + 1 } else { 1 });
+            // The last edges, and the gap before them.
+            bench.t = 1000 * (3 * MAX_CLOCKS as u64 + 1);
+            assert_eq!(cycle.last_edge(), Some(bench.t - 500));
+            let mut trace = Trace::default();
+            measure_levels(cycle, &mut trace);
+            let longest = trace.longest.map(|level| (level.ns, level.edge));
+            let gap = 1000 * (2 * MAX_CLOCKS as u32 + 1);
+            assert_eq!(longest, Some((gap, MAX_CLOCKS as u16 - 1)));
+            bench.pass(200_000);
+            bench.clock(EDGES, 500);
+            bench.pass(30_000);
+            let all = bench.faults(FORMAT);
+            assert!(matches!(all[..], [Err(_), Ok(165)]), "{all:?}");
+        }
     }
 
     #[test]
