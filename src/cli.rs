@@ -198,7 +198,8 @@ Links:
   gpio:CHIP,ma=LINE,slo=LINE,ma-in=LINE,slo-out=LINE[,uapi=v1|v2]
                               jumpers from MA to ma-in and from slo-out to SLO; the slave is a thread.
                               Finds the fastest clock that works
-  wave:BUS.CS                 a jumper from MOSI to MISO: every bit must come back. Measures SCLK
+  wave:BUS.CS[,oversample=N][,invert]
+                              a jumper from MOSI to MISO: every bit must come back. Measures SCLK
 
 Disconnect the encoder first: pins are driven that it drives too.
 

@@ -632,7 +632,9 @@ fn wait_asleep(child: &Child) {
         let status = std::fs::read_to_string(&file).unwrap();
         let field = |name| status.lines().find_map(|line| line.strip_prefix(name));
         let caught = field("SigCgt:").map(|mask| u64::from_str_radix(mask.trim(), 16).unwrap());
-        let sleeps = field("State:").is_some_and(|state| state.trim().starts_with('S'));
+        let state = field("State:").unwrap().trim();
+        assert!(!state.starts_with('Z'), "it has ended by itself");
+        let sleeps = state.starts_with('S');
         sleeps && caught.unwrap() & CAUGHT == CAUGHT
     };
     while !asleep() {
@@ -887,6 +889,8 @@ fn a_loopback_says_what_it_needs() {
             "leave mo= out",
         ),
         ("loopback -n 0", "1.."),
+        ("loopback --search 4,18", "--search looks"),
+        ("loopback wave:0.0 -f st12", "--frame has no meaning"),
         (
             "read gpio:0,ma=17,slo=27,ma-in=22,slo-out=23 -f st8",
             "far ends of jumpers",

@@ -29,6 +29,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
+    check(&args)?;
     schedule(args.cpu, args.rt)?;
     let signals = Signals::catch().map_err(|e| {
         anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
@@ -78,6 +79,22 @@ pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
         Outcome::Bad
     };
     Ok(Ended { outcome, signal })
+}
+
+/// What has no meaning is a mistake, not something to be ignored.
+fn check(args: &cli::Loopback) -> Result<()> {
+    let kind = args.link.as_ref().map(|link| &link.kind);
+    if !args.search.is_empty() && !matches!(kind, Some(Kind::Gpio { .. })) {
+        bail!(
+            "--search looks for a jumper on GPIO lines\n  leave it out, or name the link: gpio:0,ma=17,slo=27,ma-in=22,slo-out=23"
+        );
+    }
+    if args.frame.is_some() && matches!(kind, Some(Kind::Wave { .. })) {
+        bail!(
+            "--frame has no meaning on wave: bits are compared there, not frames\n  leave it out"
+        );
+    }
+    Ok(())
 }
 
 struct Bench<'a> {

@@ -73,10 +73,8 @@ impl Display for Frames {
             write!(f, "  MA {clock}")?;
         }
         write!(f, "  {} of {} frames as sent", self.as_sent, self.run)?;
-        let mut before = ", ";
         for (name, count) in self.kinds() {
-            write!(f, "{before}{count} {name}")?;
-            before = ", ";
+            write!(f, ", {count} {name}")?;
         }
         if self.wrong > 0 {
             write!(f, ", {} WRONG POSITIONS", self.wrong)?;
