@@ -87,7 +87,7 @@ struct Machine<'a> {
     ask: &'a dyn Fn(&Path) -> Result<ChipInside, link::Error>,
 }
 
-/// Long enough for some hundred frames of `wave` in one transfer.
+/// Long enough for a frame of `wave` with the longest rests at any SCLK: 4 ms at 125 MHz.
 const AMPLE_BUFSIZ: u64 = 65536;
 
 impl Machine<'_> {
