@@ -415,7 +415,9 @@ impl Tally {
     }
 }
 
-/// Samples a clock. Below eight only the line through all edges helps.
+/// Samples a clock. Below eight only the line through all edges helps, and only down to six: of the quarter of a clock that
+/// jitter leaves, a sample goes to the stamps of Ack and bit, and half of one to the edges, which count beside a line that
+/// they do not quite stand on.
 const SAMPLES: [f64; 9] = [6.3, 8.0, 8.02, 8.3, 8.9, 12.5, 16.1, 25.0, 64.0];
 
 #[test]
