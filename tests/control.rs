@@ -1,0 +1,339 @@
+//! Control communication as bits: the published and computed control frames, both directions.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use biss::control::{
+    Access, Control, Failure, Heard, Listener, Outcome, REST_FRAMES, Seen, Spoken,
+};
+
+/// CDM and CDS of a control frame, from its S on. The AN22 recording of an iC-MHM has the shape of `BUSY_READ`; all are
+/// computed by a generator of their own and checked against TI's and Lenz's published words.
+struct Golden {
+    name: &'static str,
+    access: Access,
+    cdm: &'static str,
+    cds: &'static str,
+    bytes: &'static [u8],
+    failure: Option<Failure>,
+}
+
+fn read(slave: u8, address: u8, count: u8) -> Access {
+    Access::Read {
+        slave,
+        address,
+        count,
+    }
+}
+
+fn write(slave: u8, address: u8, data: &[u8]) -> Access {
+    Access::Write {
+        slave,
+        address,
+        data: data.into(),
+    }
+}
+
+fn command(slaves: u8, code: u8) -> Access {
+    Access::Command {
+        slaves,
+        code,
+        checked: true,
+        reduced: false,
+    }
+}
+
+fn golden() -> Vec<Golden> {
+    let row = |name, access, cdm, cds, bytes| Golden {
+        name,
+        access,
+        cdm,
+        cds,
+        bytes,
+        failure: None,
+    };
+    vec![
+        row(
+            "read 0x78",
+            read(0, 0x78, 1),
+            "110001111000010110100000000000000",
+            "010000000000000001010100110111000",
+            &[0x4D],
+        ),
+        row(
+            "write 0x5A to 0x10",
+            write(0, 0x10, &[0x5A]),
+            "110000010000001101101011010000000",
+            "010000000000000000110101101000000",
+            &[0x5A],
+        ),
+        row(
+            "read 0x7E and 0x7F, the next address absent",
+            read(0, 0x7E, 2),
+            "11000111111011111010000000000000100000000000000",
+            "01000000000000000101011010011010010100001111011",
+            &[0x69, 0x43],
+        ),
+        row(
+            "write two bytes to 0x10",
+            write(0, 0x10, &[0x11, 0x22]),
+            "11000001000000110110001000110010100100010001100",
+            "01000000000000000011000100011001010010001000110",
+            &[0x11, 0x22],
+        ),
+        row(
+            "read two bytes, busy before the second",
+            read(0, 0x00, 2),
+            "110000000000011010100000000000001100000000000000",
+            "010000000000000001010100100000110010100010001000",
+            &[0x48, 0x44],
+        ),
+        row(
+            "select bank 2",
+            write(0, 0x40, &[0x02]),
+            "110001000000000101100000010100100",
+            "010000000000000000110000001010010",
+            &[0x02],
+        ),
+        row(
+            "read 0x78 of slave 2 of 3",
+            read(2, 0x78, 1),
+            "110101111000101010100000000000000",
+            "011100000000000001011010010101000",
+            &[0xA5],
+        ),
+        Golden {
+            failure: Some(Failure::Refused { address: 0x78 }),
+            ..row(
+                "a read refused",
+                read(0, 0x78, 1),
+                "1100011110000101100",
+                "0100000000000000011",
+                &[],
+            )
+        },
+        Golden {
+            failure: Some(Failure::Refused { address: 0x10 }),
+            ..row(
+                "a write refused",
+                write(0, 0x10, &[1]),
+                "1100000100000011010",
+                "0100000000000000000",
+                &[],
+            )
+        },
+        row(
+            "broadcast 00",
+            command(0, 0),
+            "1000000000001111110",
+            "0100000000000000000",
+            &[],
+        ),
+        row(
+            "broadcast 01",
+            command(0, 1),
+            "1000000000011100110",
+            "0100000000000000000",
+            &[],
+        ),
+        row(
+            "command 00 to slave 0",
+            command(1, 0),
+            "10100000000000101000000010",
+            "01000000000000000100000000",
+            &[],
+        ),
+        row(
+            "command 10 to slave 0",
+            command(1, 2),
+            "10100000001001001000000010",
+            "01000000000000000100000000",
+            &[],
+        ),
+    ]
+}
+
+/// What the machine sends when the slave sends `cds` after the rest, and how it ends.
+fn run(access: Access, cds: &str, late: bool) -> (String, Option<Outcome>) {
+    let mut control = Control::new(late);
+    control.set_retries(0);
+    control.ask(access).unwrap();
+    for frame in 0..REST_FRAMES {
+        assert_eq!(control.cdm(), [false; 2], "rest frame {frame}");
+        let seen = Seen::Whole {
+            cds: false,
+            cdm: false,
+        };
+        control.seen(0, seen);
+    }
+    let mut sent = String::new();
+    let mut ended = None;
+    for (n, cds) in cds.chars().enumerate() {
+        let cds = cds == '1';
+        let table = control.cdm();
+        assert!(!late || table[0] == table[1], "frame {n}");
+        let cdm = table[usize::from(cds)];
+        sent.push(if cdm { '1' } else { '0' });
+        control.seen(n as u64 * 100_000, Seen::Whole { cds, cdm });
+        ended = control.take().or(ended);
+    }
+    (sent, ended)
+}
+
+#[test]
+fn sends_the_golden_bits_and_understands_the_answers() {
+    for row in golden() {
+        let (sent, ended) = run(row.access, row.cds, false);
+        assert_eq!(sent, row.cdm, "{}", row.name);
+        let ended = ended.unwrap_or_else(|| panic!("{}: still busy", row.name));
+        assert_eq!(ended.failure, row.failure, "{}", row.name);
+        assert_eq!(ended.bytes.as_slice(), row.bytes, "{}", row.name);
+    }
+}
+
+/// A link that lays out CDM before it sees CDS repeats S in reads, where that means nothing, and else sends the same.
+#[test]
+fn a_late_master_gets_the_same_bytes() {
+    for row in golden() {
+        let single = !matches!(row.access, Access::Write { data, .. } if data.as_slice().len() > 1);
+        if row.failure.is_some() || !single {
+            continue;
+        }
+        let (sent, ended) = run(row.access, row.cds, true);
+        let ended = ended.unwrap_or_else(|| panic!("{}: still busy", row.name));
+        assert_eq!(ended.failure, None, "{}", row.name);
+        assert_eq!(ended.bytes.as_slice(), row.bytes, "{}", row.name);
+        if !matches!(row.access, Access::Read { .. }) {
+            assert_eq!(sent, row.cdm, "{}", row.name);
+        }
+    }
+}
+
+/// The listener hears in both strings what was said.
+#[test]
+fn the_listener_understands_both_directions() {
+    for row in golden() {
+        let mut listener = Listener::new();
+        let mut heard: Vec<Heard> = Vec::new();
+        for _ in 0..REST_FRAMES {
+            assert_eq!(listener.frame(false, false), None);
+        }
+        for (cdm, cds) in row.cdm.chars().zip(row.cds.chars()) {
+            heard.extend(listener.frame(cdm == '1', cds == '1'));
+        }
+        let said: Vec<Spoken> = heard.iter().map(|heard| heard.spoken).collect();
+        let want: Vec<Spoken> = match row.access {
+            Access::Read { slave, address, .. } if row.failure.is_some() => vec![Spoken::Refused {
+                slave,
+                address,
+                write: false,
+                rw: (true, true),
+            }],
+            Access::Write { slave, address, .. } if row.failure.is_some() => {
+                vec![Spoken::Refused {
+                    slave,
+                    address,
+                    write: true,
+                    rw: (false, false),
+                }]
+            }
+            Access::Read { slave, address, .. } => (address..)
+                .zip(row.bytes)
+                .map(|(address, value)| Spoken::Read {
+                    slave,
+                    address,
+                    value: *value,
+                })
+                .collect(),
+            Access::Write { slave, address, .. } => (address..)
+                .zip(row.bytes)
+                .map(|(address, value)| Spoken::Written {
+                    slave,
+                    address,
+                    value: *value,
+                })
+                .collect(),
+            Access::Command { slaves, code, .. } => vec![Spoken::Command {
+                slaves,
+                code,
+                acknowledged: slaves,
+                executed: true,
+            }],
+        };
+        assert_eq!(said, want, "{}", row.name);
+    }
+}
+
+/// Thirteen read words published with TI's motor-control-sdk: CTS to the second S, left-aligned in 32 bits.
+#[test]
+fn sends_the_words_that_ti_publishes() {
+    for (address, word) in [
+        (0x44, 0x889B_4000u32),
+        (0x45, 0x88BD_4000),
+        (0x46, 0x88D7_4000),
+        (0x47, 0x88F1_4000),
+        (0x60, 0x8C17_4000),
+        (0x67, 0x8CE5_4000),
+        (0x68, 0x8D01_4000),
+        (0x78, 0x8F0B_4000),
+        (0x79, 0x8F2D_4000),
+        (0x7A, 0x8F47_4000),
+        (0x7B, 0x8F61_4000),
+        (0x7C, 0x8F93_4000),
+        (0x7D, 0x8FB5_4000),
+    ] {
+        let cds = "0100000000000000010";
+        let (sent, _) = run(read(0, address, 1), cds, false);
+        let bits = u32::from_str_radix(&sent, 2).unwrap();
+        assert_eq!(bits & 0x3_FFFF, word >> 14, "{address:#x}");
+        assert_eq!(sent.len(), 19);
+    }
+}
+
+/// The CRC of a header for slave 0, of broadcasts and of addressed commands.
+#[test]
+fn headers_have_the_published_crcs() {
+    let crc = |access| {
+        let (sent, _) = run(access, "0100000000000000", false);
+        u8::from_str_radix(&sent[12..16], 2).unwrap()
+    };
+    for (address, want) in (0x40..=0x47)
+        .zip([1, 2, 7, 4, 0xD, 0xE, 0xB, 8])
+        .chain((0x78..=0x7F).zip([5, 6, 3, 0, 9, 0xA, 0xF, 0xC]))
+        .chain([(0, 6)])
+    {
+        assert_eq!(crc(read(0, address, 1)), want, "{address:#x}");
+    }
+    let unchecked = |slaves, code| Access::Command {
+        slaves,
+        code,
+        checked: false,
+        reduced: false,
+    };
+    for (slaves, want) in [
+        (0u8, [0xF, 0xC, 0x9, 0xA]),
+        (1 << 0, [0x2, 0x1, 0x4, 0x7]),
+        (1 << 1, [0x0, 0x3, 0x6, 0x5]),
+        (1 << 2, [0x1, 0x2, 0x7, 0x4]),
+        (1 << 3, [0x8, 0xB, 0xE, 0xD]),
+        (1 << 4, [0x5, 0x6, 0x3, 0x0]),
+        (1 << 5, [0xA, 0x9, 0xC, 0xF]),
+        (1 << 6, [0x4, 0x7, 0x2, 0x1]),
+        (1 << 7, [0x3, 0x0, 0x5, 0x6]),
+    ] {
+        for (code, want) in (0..4).zip(want) {
+            assert_eq!(crc(unchecked(slaves, code)), want, "{slaves:#x} {code}");
+        }
+    }
+}
+
+#[test]
+fn what_the_wire_cannot_carry_is_refused() {
+    let mut control = Control::new(false);
+    assert!(control.ask(read(8, 0, 1)).is_err());
+    assert!(control.ask(read(0, 0x7F, 2)).is_err());
+    assert!(control.ask(read(0, 0, 0)).is_err());
+    assert!(control.ask(command(0, 4)).is_err());
+    assert!(control.ask(command(0x80, 0)).is_ok());
+    assert!(Control::new(true).ask(command(0x80, 0)).is_err());
+}
