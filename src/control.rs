@@ -37,7 +37,7 @@ pub const BUSY_MAX_NS: u64 = 20_000_000;
 pub const ADDRESSES: u8 = 0x80;
 
 /// Repetitions without progress where nobody has said how many.
-pub const RETRIES: u32 = 3;
+pub const RETRIES: u32 = 8;
 
 /// Slaves that can have an ID (D2, p. 14).
 pub const MAX_IDS: u8 = 8;
@@ -175,7 +175,7 @@ impl Access {
                 checked: true,
                 ..
             } if late && slaves & 0x80 != 0 => Err(
-                "slave 7 acknowledges in the frame that executes, which this link sends before it has seen that".into(),
+                "slave 7 acknowledges in the frame that executes, where CDM is laid out before CDS is seen".into(),
             ),
             Access::Command { .. } => Ok(()),
         }
@@ -257,6 +257,24 @@ pub enum Failure {
     },
     /// A frame was not whole, so nobody knows which bit the slave has taken.
     Cut,
+    /// Read back, a register holds something else than was written.
+    ReadBack {
+        /// The register.
+        address: u8,
+        /// What was written.
+        want: u8,
+        /// What was read.
+        got: u8,
+    },
+    /// A register gave another value each time.
+    Unsteady {
+        /// The register.
+        address: u8,
+        /// The last but one.
+        first: u8,
+        /// The last one.
+        second: u8,
+    },
     /// The frame that executes a command was not whole: whether it was executed is not known, so it is not repeated.
     Undecided,
 }
@@ -318,6 +336,18 @@ impl fmt::Display for Failure {
                 ids(want)
             ),
             Failure::Cut => f.write_str("a frame was not whole"),
+            Failure::ReadBack { address, want, got } => write!(
+                f,
+                "register {address:#04x} reads {got:#04x} after {want:#04x} was written and echoed"
+            ),
+            Failure::Unsteady {
+                address,
+                first,
+                second,
+            } => write!(
+                f,
+                "register {address:#04x} gave {first:#04x}, then {second:#04x}: no two readings agree"
+            ),
             Failure::Undecided => f.write_str(
                 "the frame that executes the command was not whole: it may have been executed or not",
             ),
@@ -404,6 +434,8 @@ struct Job {
     in_row: u32,
     /// What the last control frame failed with, if no byte has come since.
     before: Option<Failure>,
+    /// Frames since then that were not whole while the slaves should have rested.
+    lost: u32,
 }
 
 impl Control {
@@ -446,6 +478,7 @@ impl Control {
             },
             in_row: 0,
             before: None,
+            lost: 0,
         });
         self.begin();
         Ok(())
@@ -542,7 +575,7 @@ impl Control {
     fn byte(&mut self, byte: u8) {
         if let Some(job) = &mut self.job {
             job.outcome.bytes.push(byte);
-            (job.in_row, job.before) = (0, None);
+            (job.in_row, job.before, job.lost) = (0, None, 0);
         }
     }
 
@@ -550,9 +583,9 @@ impl Control {
         self.zeros = 0;
         if !self.quench.is_over() {
             self.quench.slip();
-            return;
         }
         let Some(exchange) = &self.exchange else {
+            self.lost();
             return;
         };
         self.quench = exchange.slipped();
@@ -561,6 +594,19 @@ impl Control {
             false => Failure::Cut,
         };
         self.frame_ends(Some(failure));
+    }
+
+    /// A frame was not whole while the slaves should have rested. Where that goes on they never do.
+    fn lost(&mut self) {
+        let most = u32::from(REST_FRAMES) * (self.retries + 1);
+        if let Some(job) = &mut self.job {
+            job.lost += 1;
+            if job.lost >= most {
+                job.outcome.failure = Some(Failure::Cut);
+                self.ended = Some(job.outcome);
+                self.job = None;
+            }
+        }
     }
 
     /// Ends a control frame whose place is known on both sides.

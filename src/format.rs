@@ -13,8 +13,8 @@ pub const MAX_CHANNELS: usize = 8;
 /// Most data bits in one channel (D2, p. 9).
 pub const MAX_DATA_BITS: u32 = 64;
 
-/// The layout of a frame: 1 to 8 channels.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// The layout of a frame: 1 to 8 channels. The default one has none, as in a frame of which only the head is read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Format {
     channels: Vec<Channel>,
 }

@@ -39,6 +39,9 @@ pub struct BissC {
     pub stall: Stall,
     /// Longest timeout of the slave (D2 Table 10: 40 µs).
     pub timeout_max_ns: u32,
+    /// Read Ack, start and CDS only, and leave the channels in the slave: their format need not be known, and a frame may
+    /// be ended anywhere (D2, p. 12).
+    pub head_only: bool,
 }
 
 impl BissC {
@@ -50,12 +53,40 @@ impl BissC {
             busy_limit_ns: limits::BUSY_MAX_NS as u32,
             stall: Stall::Unknown,
             timeout_max_ns: limits::TIMEOUT_MAX_NS as u32,
+            head_only: false,
         }
     }
 
-    /// Rising edges after the start edge: CDS, all channels, stop.
+    /// For control communication with an encoder whose frame is not known.
+    pub fn head_only() -> BissC {
+        BissC {
+            head_only: true,
+            ..BissC::new(Format::default())
+        }
+    }
+
+    /// Rising edges after the start edge: CDS, all channels, stop. With the head only one more than CDS, so that CDM can
+    /// depend on it.
     fn tail(&self) -> u16 {
-        self.format.bits() + 2
+        2 + if self.head_only {
+            0
+        } else {
+            self.format.bits()
+        }
+    }
+
+    /// Clocks after the stop bit.
+    fn surplus(&self) -> u16 {
+        if self.head_only { 0 } else { SURPLUS }
+    }
+
+    /// How long SL = 1 is awaited after the last MA edge.
+    fn ready_ns(&self, ability: &Ability) -> u32 {
+        let delay = match ability.delay_clk {
+            Some(clocks) => (u32::from(clocks) + 1).saturating_mul(ability.period_ns),
+            None => self.ack_limit_ns,
+        };
+        self.timeout_max_ns.saturating_add(delay)
     }
 
     /// Bits of the shortest possible frame: LAT, Ack, start, then the tail.
@@ -215,7 +246,7 @@ impl Protocol for BissC {
             let most = ack.saturating_add(start);
             let head = ability.head.map_or(limits::BUSY_CLOCKS, |head| head + 2);
             let head = (u32::from(head) << ability.widen.min(8)).min(most.into()) as u16;
-            Until::Clocks((2 + head + self.tail() + SURPLUS).min(MAX_CLOCKS as u16))
+            Until::Clocks((2 + head + self.tail() + self.surplus()).min(MAX_CLOCKS as u16))
         };
         let stretch_ns = match self.stall {
             // A little less than the 12 µs in sum that stay below every static ceiling; not while bits may be under
@@ -223,17 +254,14 @@ impl Protocol for BissC {
             Stall::Adaptive if ability.reacts && ability.delay_clk == Some(0) => 11_000,
             _ => 0,
         };
-        let delay = match ability.delay_clk {
-            Some(clocks) => (u32::from(clocks) + 1).saturating_mul(ability.period_ns),
-            None => self.ack_limit_ns,
-        };
         Clocks {
             until,
-            surplus: SURPLUS,
+            surplus: self.surplus(),
             stretch_ns,
             cdm: [false; 2],
             hold_ns: self.timeout_max_ns.saturating_add(self.ack_limit_ns),
-            ready_ns: Some(self.timeout_max_ns.saturating_add(delay)),
+            ready_ns: Some(self.ready_ns(ability)),
+            partial: self.head_only,
         }
     }
 
@@ -246,7 +274,31 @@ impl Protocol for BissC {
             cdm: [false; 2],
             hold_ns: 0,
             ready_ns: None,
+            partial: true,
         })
+    }
+
+    /// Two clocks and the timeout (D2, p. 19).
+    fn reduced(&self, ability: &Ability) -> Option<Clocks> {
+        Some(Clocks {
+            until: Until::Clocks(2),
+            surplus: 0,
+            stretch_ns: 0,
+            partial: true,
+            ..self.request(ability)
+        })
+    }
+
+    fn decode_reduced(&self, trace: &Trace, cycle: &mut Cycle) {
+        cycle.reset();
+        if trace.idle == Some(false) || trace.bits.get(0) != Some(true) {
+            return cycle.spoil(Fault::NotReady {
+                waited_ns: trace.waited_ns,
+            });
+        }
+        if let Some(fault) = self.stalled(trace) {
+            cycle.spoil(fault);
+        }
     }
 
     fn decode(&self, trace: &Trace, cycle: &mut Cycle) {
@@ -256,6 +308,9 @@ impl Protocol for BissC {
             Err(fault) => return cycle.spoil(fault),
         };
         cycle.found(head);
+        if self.head_only {
+            return;
+        }
         let stop_at = data_at + usize::from(self.format.bits());
         if let Some(high) = trace.bits.find(stop_at, true) {
             return cycle.spoil(Fault::Stop {

@@ -52,6 +52,7 @@ pub mod pattern;
 pub mod place;
 pub mod preset;
 pub mod protocol;
+pub mod registers;
 pub mod slave;
 pub mod slice;
 pub mod trace;

@@ -3,6 +3,7 @@
 //!
 //! It knows no clock but the link's.
 
+use crate::control::{Access, Control, Outcome, Seen};
 use crate::cycle::{Cycle, Fault};
 use crate::limits::REST_NS;
 use crate::link::{Error, Link, Phase};
@@ -92,6 +93,9 @@ pub struct Master<'a> {
     /// Repetitions of any fault; `None` repeats stalled frames only.
     retries: Option<u32>,
     tracker: Tracker,
+    control: Control,
+    /// What the last cycle means to control communication, until it has been judged.
+    seen: Option<Seen>,
     trace: Trace,
     cycle: Cycle,
     widen: u8,
@@ -123,6 +127,8 @@ impl<'a> Master<'a> {
             Tracker::trusting()
         };
         Master {
+            control: Control::new(!link.caps().reacts),
+            seen: None,
             asked: link.clock().hz,
             link,
             protocol,
@@ -151,8 +157,56 @@ impl<'a> Master<'a> {
         self.stop = Some(stop);
     }
 
-    fn stops(&self) -> bool {
+    /// Whether it is time to end.
+    pub fn stops(&self) -> bool {
         self.stop.is_some_and(|stop| stop())
+    }
+
+    /// How many control frames without progress an access repeats.
+    pub fn set_access_retries(&mut self, retries: u32) {
+        self.control.set_retries(retries);
+    }
+
+    /// Begins an access to registers, or a command: it goes on with every slot, beside the sensor data.
+    ///
+    /// # Errors
+    /// When the link cannot carry it.
+    pub fn ask(&mut self, access: Access) -> Result<(), Error> {
+        let doing = "talking to the slave's registers";
+        if !self.link.caps().cdm {
+            let said = "this link cannot hold MA low after a frame, which is how CDM = 1 is sent";
+            let hint = "take a wave: link on the same spidev, MOSI being MA, or gpio:";
+            return Err(Error::new(doing, said, hint));
+        }
+        self.tell();
+        self.control
+            .ask(access)
+            .map_err(|said| Error::new(doing, said, "look at the addresses and slave IDs"))
+    }
+
+    /// How the access ended, once.
+    pub fn outcome(&mut self) -> Option<Outcome> {
+        self.tell();
+        self.control.take()
+    }
+
+    /// Gives the access up. Slots must go on until [`Master::rests`].
+    pub fn give_up(&mut self) {
+        self.tell();
+        self.control.give_up();
+    }
+
+    /// Whether no slave waits for the rest of an access.
+    pub fn rests(&mut self) -> bool {
+        self.tell();
+        self.control.rests()
+    }
+
+    /// Tells control communication of the last cycle.
+    fn tell(&mut self) {
+        if let Some(seen) = self.seen.take() {
+            self.control.seen(self.trace.t_ns, seen);
+        }
     }
 
     /// The link.
@@ -194,7 +248,8 @@ impl<'a> Master<'a> {
         }
         self.choose_phase()?;
         self.learn()?;
-        Ok(self.learned().is_some())
+        Ok(self.learned().is_some()
+            || self.cycle.is_good() && self.protocol.format().channels().is_empty())
     }
 
     /// Waits without clocking, for an encoder to appear.
@@ -261,6 +316,7 @@ impl<'a> Master<'a> {
                 break;
             }
         }
+        self.tell();
         self.count_faults()?;
         Ok(Slot::Done { tries })
     }
@@ -303,7 +359,14 @@ impl<'a> Master<'a> {
         if caps.live && self.unsettled && !self.settle(at_ns)? {
             return Ok(true);
         }
-        let clocks = self.protocol.request(&self.ability());
+        self.tell();
+        let ability = self.ability();
+        let reduced = self
+            .protocol
+            .reduced(&ability)
+            .filter(|_| self.control.reduced());
+        let mut clocks = reduced.unwrap_or_else(|| self.protocol.request(&ability));
+        clocks.cdm = self.control.cdm();
         let free_ns = self.began_ns.map_or(0, |began| began + self.distance_ns);
         let at_ns = at_ns.max(free_ns);
         let ran = self.link.cycles(
@@ -311,9 +374,29 @@ impl<'a> Master<'a> {
             std::slice::from_mut(&mut self.trace),
         )?;
         self.began_ns = Some(self.trace.t_ns).filter(|_| caps.live);
-        self.protocol.decode(&self.trace, &mut self.cycle);
+        match reduced {
+            Some(_) => self.protocol.decode_reduced(&self.trace, &mut self.cycle),
+            None => self.protocol.decode(&self.trace, &mut self.cycle),
+        }
+        self.seen = caps
+            .live
+            .then(|| self.control_saw(clocks.cdm, reduced.is_some()));
         self.unsettled = !self.cycle.is_good();
         Ok(ran == 1)
+    }
+
+    /// What the cycle means to control communication. A channel with a wrong CRC is a whole frame: CDS and what it
+    /// carries have checks of their own.
+    fn control_saw(&self, cdm: [bool; 2], reduced: bool) -> Seen {
+        let sent = |cds: bool| self.trace.cdm.unwrap_or(cdm[usize::from(cds)]);
+        match (self.cycle.fault(), self.cycle.head()) {
+            (None, _) if reduced => Seen::Reduced { cdm: sent(false) },
+            (None, Some(head)) => Seen::Whole {
+                cds: head.cds,
+                cdm: sent(head.cds),
+            },
+            _ => Seen::Cut,
+        }
     }
 
     fn judge(&mut self) -> Option<Fault> {
@@ -324,6 +407,8 @@ impl<'a> Master<'a> {
             Verdict::Stands => None,
             Verdict::Doubtful(fault) => {
                 self.unsettled = true;
+                // Where the start bit is in doubt, so is CDS.
+                self.seen = Some(Seen::Cut);
                 Some(fault)
             }
         }
@@ -352,8 +437,10 @@ impl<'a> Master<'a> {
             return Ok(true);
         };
         let init = Ask { at_ns: 0, clocks };
+        self.tell();
         self.link
             .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
+        self.seen = Some(Seen::Cut);
         if self.link.idle(ready)? != Some(false) {
             return Ok(true);
         }

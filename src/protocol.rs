@@ -31,6 +31,14 @@ pub trait Protocol {
     fn init(&self) -> Option<Clocks> {
         None
     }
+    /// A cycle that carries CDM and nothing else; `None` where the protocol has nothing of the kind.
+    fn reduced(&self, _ability: &Ability) -> Option<Clocks> {
+        None
+    }
+    /// Whether the slave has taken CDM from such a cycle: else it is a fault.
+    fn decode_reduced(&self, _trace: &Trace, cycle: &mut Cycle) {
+        cycle.reset();
+    }
     /// Whatever the wire said, as words or named faults. Never panics.
     fn decode(&self, trace: &Trace, cycle: &mut Cycle);
 }

@@ -150,6 +150,8 @@ pub struct Clocks {
     /// How long SL = 1 is awaited before the first edge, counted from the last MA edge; `None` does not look
     /// (INIT). Links that cannot see SL wait that long.
     pub ready_ns: Option<u32>,
+    /// The frame is left before its stop bit, so SL = 1 after it may be a data bit that is still under way.
+    pub partial: bool,
 }
 
 /// When, on the link's own clock, and what.

@@ -92,7 +92,7 @@ const LINKS: &[&str] = &[
     "link/wave.rs",
 ];
 /// Joins both.
-const JOINTS: &[&str] = &["lib.rs", "link.rs", "master.rs"];
+const JOINTS: &[&str] = &["lib.rs", "link.rs", "master.rs", "registers.rs"];
 const BINARY: &[&str] = &[
     "cli.rs",
     "cli/generated.rs",

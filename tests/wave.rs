@@ -418,9 +418,11 @@ fn what_cannot_be_sent_is_an_error() {
         cdm: [false; 2],
         hold_ns: 80_000,
         ready_ns: Some(80_000),
+        partial: false,
     };
     let error = run(Clocks {
         ready_ns: Some(500_000),
+        partial: false,
         ..clocks
     })
     .to_string();
@@ -636,6 +638,7 @@ fn a_frame_waits_where_ready_was_not_seen() {
         hold_ns: 80_000,
         // The slave's timeout is longer; twice of it is enough.
         ready_ns: Some(25_000),
+        partial: false,
     };
     let asks = [Ask { at_ns: 0, clocks }];
     for look in [false, true] {

@@ -370,20 +370,26 @@ impl<P: Pins> Bang<P> {
         search: &Search,
         trace: &mut Trace,
     ) -> Result<(), Error> {
-        self.stop_seen =
-            search.complete && trace.bits.get(trace.bits.len().wrapping_sub(1)) == Some(false);
+        // Of a frame that is left early nothing is under way any more if the line delays by less than a clock.
+        let last = trace.bits.get(trace.bits.len().wrapping_sub(1));
+        let arrived = !clocks.partial || search.ack == Some(2);
+        self.stop_seen = search.complete && last == Some(false) && arrived;
         self.mo_rests()?;
         if trace.cdm != Some(true) {
             return Ok(());
         }
         let since = self.last_edge_ns;
+        let mut ready = false;
         while self.pins.now_ns() < since + u64::from(clocks.hold_ns) {
             self.pins.until(self.pins.now_ns() + POLL_NS);
             if self.stop_seen && self.pins.sl()? {
                 trace.ready_ns = u32::try_from(self.pins.now_ns() - since).ok();
+                ready = true;
                 break;
             }
         }
+        // The longest timeout and line delay have passed: SL = 1 is no data bit any more.
+        self.stop_seen = ready || self.pins.sl()?;
         self.edge(true).map(drop)
     }
 }

@@ -270,7 +270,9 @@ impl<B: Bus> Wave<B> {
         // The hold allows for the longest line delay; what comes later is noise.
         let most = self.choice.grid.samples(ask.clocks.hold_ns.into());
         self.farthest = self.farthest.max(delay.unwrap_or(0).min(most));
-        self.ready = trace.ready_ns.is_some();
+        // The pattern ends when the longest timeout has passed, so SL = 1 there is no data bit.
+        let rests = self.back.last().is_some_and(|byte| byte & 1 == 1);
+        self.ready = trace.ready_ns.is_some() || ask.clocks.partial && rests;
         Ok(())
     }
 
