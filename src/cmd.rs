@@ -2,6 +2,7 @@
 
 mod asked;
 mod counting;
+mod line;
 pub(crate) mod list;
 pub(crate) mod loopback;
 pub(crate) mod read;

@@ -99,6 +99,7 @@ const BINARY: &[&str] = &[
     "cmd.rs",
     "cmd/asked.rs",
     "cmd/counting.rs",
+    "cmd/line.rs",
     "cmd/list.rs",
     "cmd/loopback.rs",
     "cmd/read.rs",

@@ -1,18 +1,18 @@
 //! `biss read`: frames, one after the other or one a slot.
 
-use super::asked::{USUAL_CLOCK, check, choose_frame, fill_in, look, slower, warn_outside};
+use super::asked::{check, choose_frame, fill_in, look, slower, warn_outside};
 use super::counting::Counting;
+use super::line::Line;
 use super::{Ended, Outcome, schedule};
 use crate::cli;
 use crate::output::{Printer, Shot, Summary, note};
-use crate::sys::{self, Signals};
-use anyhow::{Result, anyhow, bail};
-use biss::format::Format;
+use crate::sys::Signals;
+use anyhow::{Result, anyhow};
 use biss::frame::{BissC, Stall};
 use biss::limits;
-use biss::link::{self, Kind, Link};
+use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
-use biss::preset::{Frame, Preset};
+use biss::preset::Preset;
 use biss::trace::{Cut, Trace};
 use biss::unit::{Hertz, Nanos};
 use std::cell::RefCell;
@@ -35,7 +35,20 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     })?;
     let printer = Printer::new(look, args.time, args.color, args.verbose);
     let printer = Rc::new(RefCell::new(printer));
-    let mut link = match open(&args, &frame, &signals, &printer) {
+    // What was read shall be seen before more of a slow pipe is waited for. Errors come back with the next record.
+    let flush = {
+        let printer = Rc::clone(&printer);
+        move || drop(printer.borrow_mut().flush())
+    };
+    let line = Line {
+        link: &args.link,
+        frame: Some(&frame),
+        clock: args.clock,
+        timeout: args.timeout,
+        ack_limit: args.ack_limit,
+        busy_limit: args.busy_limit,
+    };
+    let mut link = match line.open(&signals, flush) {
         // The input ended for the signal: it is not what the error takes it for.
         Err(_) if recorded(&args) && signals.caught().is_some() => {
             return Ok(Ended {
@@ -45,7 +58,7 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         }
         opened => opened?,
     };
-    let protocol = protocol(&args, frame.format);
+    let protocol = line.protocol(frame.format.clone());
     Run {
         args: &args,
         preset: frame.preset,
@@ -59,112 +72,6 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
 
 fn recorded(args: &cli::Read) -> bool {
     matches!(args.link.kind, Kind::File { .. })
-}
-
-fn open(
-    args: &cli::Read,
-    frame: &Frame,
-    signals: &Signals,
-    printer: &Rc<RefCell<Printer>>,
-) -> Result<Box<dyn Link>> {
-    Ok(match &args.link.kind {
-        Kind::Gpio {
-            chip,
-            ma,
-            slo,
-            mo,
-            uapi,
-            far,
-        } => {
-            if far.is_some() {
-                bail!(
-                    "ma-in= and slo-out= are the far ends of jumpers, where `biss loopback` puts a slave of its own\n  leave them out to read an encoder"
-                );
-            }
-            let mut link = link::gpio::open(chip.as_deref(), ma, slo, mo.as_deref(), *uapi)?;
-            if let Some(clock) = args.clock {
-                link.set_clock(clock)?;
-            }
-            Box::new(link)
-        }
-        Kind::Spi { path, phase, pad } => {
-            Box::new(link::spi::open(path, *phase, *pad, args.clock)?)
-        }
-        Kind::Wave {
-            path,
-            oversample,
-            invert,
-            idle,
-        } => {
-            let options = link::wave::Options {
-                oversample: *oversample,
-                invert: *invert,
-                idle: *idle,
-            };
-            let adaptive =
-                matches!(args.timeout, Some(timeout) if timeout.stall == Stall::Adaptive);
-            if adaptive && !options.ma_rests_high() {
-                bail!(
-                    "an adaptive timeout on a wave link whose MA rests low: the edges around each transfer would begin frames of their own\n  \
-                     swap the MA pair and say invert, or use gpio"
-                );
-            }
-            Box::new(link::wave::open(path, options, args.clock)?)
-        }
-        Kind::Sim { config, .. } => {
-            let mut config = (**config).clone();
-            // The slave sends what its link says, else what is asked for.
-            config.play(args.link.frame.as_ref().unwrap_or(frame));
-            let mut link = link::sim::open(config);
-            link.set_clock(args.clock.unwrap_or(USUAL_CLOCK))?;
-            Box::new(link)
-        }
-        Kind::File { path, ma, slo } => {
-            let stdin = path.as_os_str() == "-";
-            let name = if stdin {
-                "standard input".into()
-            } else {
-                path.display().to_string()
-            };
-            let said = |e| {
-                anyhow!(
-                    "opening the recording {name}: {e}\n  check the path; a comma in it is written \\,"
-                )
-            };
-            let file = if stdin { sys::stdin() } else { sys::open(path) }.map_err(said)?;
-            // What was read shall be seen before more of a slow pipe is waited for. Errors come back with the next record.
-            let printer = Rc::clone(printer);
-            let flush = move || drop(printer.borrow_mut().flush());
-            let input = sys::Input::new(file, signals, flush).map_err(|e| {
-                anyhow!(
-                    "waiting for input: {e}\n  is a limit of this process used up (`ulimit -a`)?"
-                )
-            })?;
-            let timeout_max_ns = args
-                .timeout
-                .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
-                .0;
-            Box::new(link::file::open(
-                input,
-                &name,
-                ma.as_deref(),
-                slo.as_deref(),
-                timeout_max_ns,
-            )?)
-        }
-    })
-}
-
-fn protocol(args: &cli::Read, format: Format) -> BissC {
-    let ns = |time: Nanos| u32::try_from(time.0).unwrap_or(u32::MAX);
-    let mut protocol = BissC::new(format);
-    protocol.ack_limit_ns = ns(args.ack_limit);
-    protocol.busy_limit_ns = ns(args.busy_limit);
-    if let Some(timeout) = args.timeout {
-        protocol.stall = timeout.stall;
-        protocol.timeout_max_ns = ns(timeout.max);
-    }
-    protocol
 }
 
 /// From opening a link to the first slot of an interval.

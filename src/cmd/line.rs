@@ -1,0 +1,131 @@
+//! A link as it was asked for on the command line, opened.
+
+use super::asked::USUAL_CLOCK;
+use crate::cli;
+use crate::sys::{self, Signals};
+use anyhow::{Result, anyhow, bail};
+use biss::format::Format;
+use biss::frame::{BissC, Stall};
+use biss::link::{self, Kind, Link, Spec};
+use biss::preset::Frame;
+use biss::unit::{Hertz, Nanos};
+
+/// What all commands that talk to an encoder are told about the way to it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line<'a> {
+    pub(super) link: &'a Spec,
+    /// What a simulated slave sends unless its link says otherwise.
+    pub(super) frame: Option<&'a Frame>,
+    pub(super) clock: Option<Hertz>,
+    pub(super) timeout: Option<cli::Timeout>,
+    pub(super) ack_limit: Nanos,
+    pub(super) busy_limit: Nanos,
+}
+
+impl Line<'_> {
+    /// Opens it. `flush` is called before a slow recording is waited for.
+    pub(super) fn open(
+        &self,
+        signals: &Signals,
+        flush: impl Fn() + 'static,
+    ) -> Result<Box<dyn Link>> {
+        Ok(match &self.link.kind {
+            Kind::Gpio {
+                chip,
+                ma,
+                slo,
+                mo,
+                uapi,
+                far,
+            } => {
+                if far.is_some() {
+                    bail!(
+                        "ma-in= and slo-out= are the far ends of jumpers, where `biss loopback` puts a slave of its own\n  leave them out to read an encoder"
+                    );
+                }
+                let mut link = link::gpio::open(chip.as_deref(), ma, slo, mo.as_deref(), *uapi)?;
+                if let Some(clock) = self.clock {
+                    link.set_clock(clock)?;
+                }
+                Box::new(link)
+            }
+            Kind::Spi { path, phase, pad } => {
+                Box::new(link::spi::open(path, *phase, *pad, self.clock)?)
+            }
+            Kind::Wave {
+                path,
+                oversample,
+                invert,
+                idle,
+            } => {
+                let options = link::wave::Options {
+                    oversample: *oversample,
+                    invert: *invert,
+                    idle: *idle,
+                };
+                let adaptive =
+                    matches!(self.timeout, Some(timeout) if timeout.stall == Stall::Adaptive);
+                if adaptive && !options.ma_rests_high() {
+                    bail!(
+                        "an adaptive timeout on a wave link whose MA rests low: the edges around each transfer would begin frames of their own\n  \
+                     swap the MA pair and say invert, or use gpio"
+                    );
+                }
+                Box::new(link::wave::open(path, options, self.clock)?)
+            }
+            Kind::Sim { config, .. } => {
+                let mut config = (**config).clone();
+                // The slave sends what its link says, else what is asked for.
+                if let Some(frame) = self.link.frame.as_ref().or(self.frame) {
+                    config.play(frame);
+                }
+                let mut link = link::sim::open(config);
+                link.set_clock(self.clock.unwrap_or(USUAL_CLOCK))?;
+                Box::new(link)
+            }
+            Kind::File { path, ma, slo } => {
+                let stdin = path.as_os_str() == "-";
+                let name = if stdin {
+                    "standard input".into()
+                } else {
+                    path.display().to_string()
+                };
+                let said = |e| {
+                    anyhow!(
+                        "opening the recording {name}: {e}\n  check the path; a comma in it is written \\,"
+                    )
+                };
+                let file = if stdin { sys::stdin() } else { sys::open(path) }.map_err(said)?;
+                let input = sys::Input::new(file, signals, flush).map_err(|e| {
+                anyhow!(
+                    "waiting for input: {e}\n  is a limit of this process used up (`ulimit -a`)?"
+                )
+            })?;
+                let timeout_max_ns = self
+                    .timeout
+                    .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
+                    .0;
+                Box::new(link::file::open(
+                    input,
+                    &name,
+                    ma.as_deref(),
+                    slo.as_deref(),
+                    timeout_max_ns,
+                )?)
+            }
+        })
+    }
+
+    /// BiSS-C with the limits that were asked for.
+    pub(super) fn protocol(&self, format: Format) -> BissC {
+        let mut protocol = BissC::new(format);
+        let ns = |time: Nanos| u32::try_from(time.0).unwrap_or(u32::MAX);
+        protocol.ack_limit_ns = ns(self.ack_limit);
+        protocol.busy_limit_ns = ns(self.busy_limit);
+        if let Some(timeout) = self.timeout {
+            protocol.stall = timeout.stall;
+            protocol.timeout_max_ns = ns(timeout.max);
+        }
+        protocol
+    }
+}
