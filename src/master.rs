@@ -175,7 +175,7 @@ impl<'a> Master<'a> {
         let doing = "talking to the slave's registers";
         if !self.link.caps().cdm {
             let said = "this link cannot hold MA low after a frame, which is how CDM = 1 is sent";
-            let hint = "take a wave: link on the same spidev, MOSI being MA, or gpio:";
+            let hint = "take a link that moves MA as a level: two lines, or MA on the data output";
             return Err(Error::new(doing, said, hint));
         }
         self.tell();
