@@ -76,6 +76,15 @@ pub enum Fault {
         /// Learned.
         learned_ns: u32,
     },
+    /// The two positions of a safety pair do not agree; each came with a good CRC.
+    Pair {
+        /// Of the control position word, in steps of 1/2^`acc_bits`; turns that both have count above.
+        cpw: u64,
+        /// Of the safety position word, likewise.
+        spw: u64,
+        /// Bits of the position that were compared.
+        acc_bits: u8,
+    },
 }
 
 impl Fault {
@@ -110,7 +119,7 @@ impl Fault {
             Fault::Null => 6,
             Fault::Stalled { .. } => 7,
             Fault::Life { .. } => 8,
-            Fault::Mismatch { .. } | Fault::Delay { .. } => 9,
+            Fault::Mismatch { .. } | Fault::Delay { .. } | Fault::Pair { .. } => 9,
         }
     }
 
@@ -153,6 +162,11 @@ impl Fault {
             Fault::Delay { learned_ns, .. } => {
                 [Some(("learned_ns", learned_ns.into())), None, None]
             }
+            Fault::Pair { cpw, spw, acc_bits } => [
+                Some(("cpw", cpw)),
+                Some(("spw", spw)),
+                Some(("acc_bits", acc_bits.into())),
+            ],
         };
         list.into_iter().flatten()
     }
@@ -212,6 +226,10 @@ impl fmt::Display for Fault {
                 ": line delay {:.2} us, learned {:.2} us",
                 us(ns.into()),
                 us(learned_ns.into())
+            ),
+            Fault::Pair { cpw, spw, acc_bits } => write!(
+                f,
+                ": CPW at {cpw}, SPW at {spw}, compared to {acc_bits} bits"
             ),
         }
     }

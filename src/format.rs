@@ -179,7 +179,7 @@ impl Format {
 const FIELDS: &str =
     "fields are mtN stN posN padN dataN[=NAME] lcN nE nW E W and last crcN[:POLY[:init=X][:plain]]";
 /// Keys of a record that a named field must not take over.
-const RESERVED: [&str; 42] = [
+const RESERVED: [&str; 45] = [
     "type",
     "t_ns",
     "t_unix_us",
@@ -222,6 +222,9 @@ const RESERVED: [&str; 42] = [
     "min_clk",
     "max_clk",
     "learned_ns",
+    "cpw",
+    "spw",
+    "acc_bits",
 ];
 
 impl FromStr for Format {

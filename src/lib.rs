@@ -47,6 +47,7 @@ pub mod limits;
 pub mod link;
 pub mod loopback;
 pub mod master;
+pub mod pair;
 pub mod parse;
 pub mod pattern;
 pub mod place;

@@ -245,6 +245,8 @@ impl<'a> Master<'a> {
         }
         if caps.times_levels || caps.phases.is_empty() {
             self.link.measure_clock()?;
+            // The slave has counted those frames, if there were any.
+            self.tracker.lose_count();
         }
         self.choose_phase()?;
         self.learn()?;
@@ -292,6 +294,7 @@ impl<'a> Master<'a> {
                 return Ok(Slot::Ended);
             }
             if let Some(cut) = self.piece() {
+                self.tracker.lose_count();
                 return Ok(Slot::Piece(cut));
             }
             tries += 1;
@@ -400,10 +403,11 @@ impl<'a> Master<'a> {
     }
 
     fn judge(&mut self) -> Option<Fault> {
-        match self
+        let verdict = self
             .tracker
-            .judge(self.protocol.format(), &self.trace, &mut self.cycle)
-        {
+            .judge(self.protocol.format(), &self.trace, &mut self.cycle);
+        self.unsettled |= !self.cycle.is_good();
+        match verdict {
             Verdict::Stands => None,
             Verdict::Doubtful(fault) => {
                 self.unsettled = true;
@@ -441,6 +445,7 @@ impl<'a> Master<'a> {
         self.link
             .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
         self.seen = Some(Seen::Cut);
+        self.tracker.lose_count();
         if self.link.idle(ready)? != Some(false) {
             return Ok(true);
         }
@@ -480,10 +485,15 @@ impl<'a> Master<'a> {
             self.patience = 3;
             return Ok(());
         }
-        // A stall, and a busy time that wanders, say nothing about the phase.
+        // A stall, a busy time that wanders, and a pair with good CRCs that differs say nothing about the phase.
         let of_phase = !matches!(
             self.fault(),
-            Some(Fault::Stalled { .. } | Fault::Mismatch { .. } | Fault::Delay { .. })
+            Some(
+                Fault::Stalled { .. }
+                    | Fault::Mismatch { .. }
+                    | Fault::Delay { .. }
+                    | Fault::Pair { .. }
+            )
         );
         self.faults_in_row += u32::from(of_phase);
         if self.faults_in_row >= self.patience && !self.link.caps().phases.is_empty() {

@@ -3,6 +3,7 @@
 
 use crate::cycle::{Cycle, Fault};
 use crate::format::{Format, Kind, MAX_CHANNELS};
+use crate::pair;
 use crate::trace::Trace;
 
 /// What to do with a cycle that was judged.
@@ -39,9 +40,17 @@ impl Tracker {
         }
     }
 
-    /// Judges a decoded cycle and learns from it. Words whose sign of life is wrong become faults.
+    /// Judges a decoded cycle and learns from it. Words whose sign of life is wrong become faults, and both words of a
+    /// safety pair that does not agree.
     pub fn judge(&mut self, format: &Format, trace: &Trace, cycle: &mut Cycle) -> Verdict {
         self.check_life(format, cycle);
+        let verdict = self.place(trace, cycle);
+        // Two words with good CRCs are where they belong, whether they agree or not: compared after that is learned.
+        pair::compare(format, cycle);
+        verdict
+    }
+
+    fn place(&mut self, trace: &Trace, cycle: &Cycle) -> Verdict {
         let (Some(head), true) = (cycle.head(), cycle.fault().is_none()) else {
             return Verdict::Stands;
         };
@@ -101,13 +110,18 @@ impl Tracker {
             ..LineDelay::default()
         };
         self.delay_clk = None;
+        self.lose_count();
+    }
+
+    /// The slave may have latched more or less often than frames were judged: signs of life begin anew.
+    pub fn lose_count(&mut self) {
         self.life = [None; MAX_CHANNELS];
     }
 
     fn check_life(&mut self, format: &Format, cycle: &mut Cycle) {
         if cycle.fault().is_some() {
             // The slave may have latched once, twice or never.
-            self.life = [None; MAX_CHANNELS];
+            self.lose_count();
             return;
         }
         for ((life, channel), word) in self
@@ -147,9 +161,11 @@ struct Life {
 impl Life {
     /// What was expected, if not `got`. Devices wrap to 0 or, like iC-MHM, skip it (SAF; MHM datasheet).
     fn mismatch(&self, got: u64, wrap: u64) -> Option<u64> {
-        let want = self.last.wrapping_add(1).wrapping_add(self.missed) & wrap;
-        let skipping = want < self.last && got == want + 1;
-        (got != want && !skipping).then_some(want)
+        let before = self.last.wrapping_add(self.missed);
+        let want = before.wrapping_add(1) & wrap;
+        // One bit that skips 0 would count nothing.
+        let skipping = (wrap > 1).then(|| before % wrap + 1);
+        (got != want && Some(got) != skipping).then_some(want)
     }
 }
 

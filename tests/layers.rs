@@ -65,6 +65,7 @@ const CORE: &[&str] = &[
     "frame.rs",
     "limits.rs",
     "loopback.rs",
+    "pair.rs",
     "parse.rs",
     "pattern.rs",
     "place.rs",

@@ -129,7 +129,11 @@ fn the_master_reads_what_the_slave_latched() {
                         good += 1;
                         assert_eq!(blank(data), blank(*want), "{what}");
                     }
-                    None => assert_eq!(word.fault(), Some(Fault::Null), "{what}"),
+                    // What the slave calls its position in two widths may make no pair.
+                    None => assert!(
+                        matches!(word.fault(), Some(Fault::Null | Fault::Pair { .. })),
+                        "{what}"
+                    ),
                 }
             }
         }
