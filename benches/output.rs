@@ -90,6 +90,7 @@ fn records(mut write: impl FnMut(Shot) -> io::Result<()>) {
             seq,
             tries: None,
             counted: None,
+            slaves: &[],
         })
         .unwrap();
     }

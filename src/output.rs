@@ -51,6 +51,8 @@ pub(crate) struct Shot<'a> {
     pub(crate) tries: Option<u32>,
     /// What the user's own way of counting makes of it, where he has one.
     pub(crate) counted: Option<Counted<'a>>,
+    /// The ID of the slave that each channel belongs to; empty where nobody has asked them.
+    pub(crate) slaves: &'a [u8],
 }
 
 /// Positions as the user counts.
@@ -267,6 +269,10 @@ impl<'a> Record<'a> {
         Some((channel, *self.shot.cycle.words().get(place.index)?))
     }
 
+    fn slave(&self) -> Option<u8> {
+        self.shot.slaves.get(self.ch?.index).copied()
+    }
+
     fn fault(&self) -> Option<Fault> {
         self.shot
             .cycle
@@ -304,5 +310,144 @@ impl Display for Scd<'_> {
         let scd = u128::from(data) << channel.crc_bits() | u128::from(crc);
         let digits = bits.div_ceil(4) as usize;
         write!(f, "{scd:0digits$x}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use biss::cycle::Head;
+    use biss::frame::{BissC, emit};
+    use biss::protocol::Protocol;
+
+    /// Text, JSON and all columns of each record of a frame, as a printer without colours makes them.
+    fn records(format: &str, data: &[u64], slaves: &[u8]) -> Vec<[String; 3]> {
+        let format: Format = format.parse().unwrap_or_else(|e| panic!("{e}"));
+        let (mut trace, mut cycle) = (Trace::default(), Cycle::default());
+        let head = Head {
+            delay_clk: 0,
+            ack: 1,
+            cds: false,
+        };
+        emit(&format, head, data, &mut trace.bits);
+        BissC::new(format.clone()).decode(&trace, &mut cycle);
+        let shot = Shot {
+            format: &format,
+            cycle: &cycle,
+            trace: &trace,
+            t_ns: 0,
+            seq: 7,
+            tries: None,
+            counted: None,
+            slaves,
+        };
+        let columns = columns(&Shape {
+            format: &format,
+            time: TimeStyle::None,
+            slaves: !slaves.is_empty(),
+            counted: false,
+            live: false,
+            delay_clk: false,
+            delay_ns: false,
+        });
+        let several = format.channels().len() > 1;
+        let places = (0..cycle.words().len()).map(|index| {
+            Some(Place {
+                index,
+                shown: several,
+            })
+        });
+        let whole = cycle.fault().map(|_| None);
+        let record = |ch| {
+            let record = Record {
+                shot: &shot,
+                time: Time::None,
+                ch,
+                verbose: false,
+            };
+            let (mut text, mut row) = (Vec::new(), Vec::new());
+            let names: Vec<&str> = columns.iter().map(Column::name).collect();
+            row.extend(format!("{} ", names[..3].join(",")).bytes());
+            record.text(&mut text, false, "deg").unwrap_or_default();
+            record.row(&columns, b',', &mut row).unwrap_or_default();
+            let json = serde_json::to_string(&record).unwrap_or_default();
+            let plain = |bytes| String::from_utf8(bytes).unwrap_or_default();
+            [plain(text), json, plain(row)]
+        };
+        whole.into_iter().chain(places).map(record).collect()
+    }
+
+    #[test]
+    fn slaves_stand_behind_their_channels_where_they_are_known() {
+        let starts = |format: &str, data: &[u64], slaves: &[u8], want: &[[&str; 3]]| {
+            let found = records(format, data, slaves);
+            assert_eq!(found.len(), want.len(), "{found:?}");
+            for (found, want) in found.iter().zip(want) {
+                for (found, want) in found.iter().zip(want) {
+                    assert!(found.starts_with(want), "{found}\n{want}");
+                }
+            }
+        };
+        let chain = "st8,nE,nW,crc6+data8=temp,crc5+st8,nE,nW,crc6";
+        starts(
+            chain,
+            &[5 << 2 | 3, 40, 0],
+            &[1, 1, 0],
+            &[
+                [
+                    "ch 0  slave 1  pos 5  ",
+                    r#"{"type":"frame","seq":7,"ch":0,"slave":1,"ok":true,"pos":5,"#,
+                    "seq,ch,slave 7,0,1,true,5,",
+                ],
+                [
+                    "ch 1  slave 1  temp 40  ",
+                    r#"{"type":"frame","seq":7,"ch":1,"slave":1,"ok":true,"temp":40,"#,
+                    "seq,ch,slave 7,1,1,true,,40",
+                ],
+                [
+                    "ch 2  slave 0  fault null",
+                    r#"{"type":"frame","seq":7,"ch":2,"slave":0,"ok":false,"fault":"null","#,
+                    "seq,ch,slave 7,2,0,false,,",
+                ],
+            ],
+        );
+        starts(
+            "st8,crc6",
+            &[5],
+            &[0],
+            &[[
+                "slave 0  pos 5  ",
+                r#"{"type":"frame","seq":7,"slave":0,"ok":true,"pos":5,"#,
+                "seq,slave,ok 7,0,true,5,",
+            ]],
+        );
+        starts(
+            "st8,crc6+st8,crc6",
+            &[5, 6],
+            &[],
+            &[
+                [
+                    "ch 0  pos 5  ",
+                    r#"{"type":"frame","seq":7,"ch":0,"ok":true,"#,
+                    "seq,ch,ok 7,0,true,5,",
+                ],
+                [
+                    "ch 1  pos 6  ",
+                    r#"{"type":"frame","seq":7,"ch":1,"ok":true,"#,
+                    "seq,ch,ok 7,1,true,6,",
+                ],
+            ],
+        );
+        // A fault of the whole frame is no slave's.
+        starts(
+            "st8,crc6",
+            &[],
+            &[0],
+            &[[
+                "fault short",
+                r#"{"type":"frame","seq":7,"ok":false,"#,
+                "seq,slave,ok 7,,false,",
+            ]],
+        );
     }
 }

@@ -55,7 +55,7 @@ pub(super) fn check(args: &cli::Read) -> Result<()> {
 }
 
 /// How records look, decided before anything is opened.
-pub(super) fn look(args: &cli::Read, format: &Format, counted: bool) -> Result<Look> {
+pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: bool) -> Result<Look> {
     let kind = &args.link.kind;
     let clocks_only = matches!(
         kind,
@@ -65,6 +65,7 @@ pub(super) fn look(args: &cli::Read, format: &Format, counted: bool) -> Result<L
     let there = columns(&Shape {
         format,
         time: args.time,
+        slaves,
         counted,
         live,
         delay_clk: clocks_only,

@@ -24,7 +24,9 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     let frame = choose_frame(&args, frame_given)?;
     check(&args)?;
     let counting = Counting::asked(&args, &frame.format)?;
-    let look = look(&args, &frame.format, counting.is_some())?;
+    // A format that was written down does not say whose channels they are.
+    let slaves = Vec::new();
+    let look = look(&args, &frame.format, !slaves.is_empty(), counting.is_some())?;
     if let Some(preset) = frame.preset {
         warn_outside(&args, preset);
         fill_in(&mut args, preset);
@@ -63,6 +65,7 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         args: &args,
         preset: frame.preset,
         counting,
+        slaves,
         protocol: &protocol,
         signals,
         printer,
@@ -81,6 +84,8 @@ struct Run<'a> {
     args: &'a cli::Read,
     preset: Option<&'static Preset>,
     counting: Option<Counting>,
+    /// The slave ID of each channel, or none.
+    slaves: Vec<u8>,
     protocol: &'a BissC,
     signals: Signals,
     printer: Rc<RefCell<Printer>>,
@@ -267,6 +272,7 @@ impl Run<'_> {
                 seq,
                 tries: caps.live.then_some(tries),
                 counted: counted.map(|counting| counting.next(format, cycle, t_ns)),
+                slaves: &self.slaves,
             };
             summary.count(&shot);
             let first = summary.span_ns.map_or(shot.t_ns, |(first, _)| first);

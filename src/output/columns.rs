@@ -12,6 +12,7 @@ pub(crate) enum Column {
     Time(&'static str),
     Seq,
     Ch,
+    Slave,
     Ok,
     Turn,
     Pos,
@@ -38,6 +39,8 @@ pub(crate) enum Column {
 pub(crate) struct Shape<'a> {
     pub(crate) format: &'a Format,
     pub(crate) time: TimeStyle,
+    /// Slave IDs are known.
+    pub(crate) slaves: bool,
     /// The user has a way of counting of his own.
     pub(crate) counted: bool,
     /// Not a recording.
@@ -56,6 +59,7 @@ impl Column {
             Column::Data(name) => name,
             Column::Seq => "seq",
             Column::Ch => "ch",
+            Column::Slave => "slave",
             Column::Ok => "ok",
             Column::Turn => "turn",
             Column::Pos => "pos",
@@ -104,6 +108,7 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
         (Column::Time(time.unwrap_or_default()), time.is_some()),
         (Column::Seq, true),
         (Column::Ch, channels.len() > 1),
+        (Column::Slave, shape.slaves),
         (Column::Ok, true),
         (Column::Turn, has(|kind| *kind == Kind::Turn)),
         (Column::Pos, place),
@@ -138,11 +143,12 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
 
 /// The columns of `list`, comma-separated names, out of those that are there.
 pub(crate) fn choose(list: &str, there: &[Column]) -> Result<Vec<Column>, ParseError> {
-    const ELSEWHERE: [&str; 14] = [
+    const ELSEWHERE: [&str; 15] = [
         "t_ns",
         "dt_ns",
         "t_unix_us",
         "ch",
+        "slave",
         "turn",
         "pos",
         "lc",
@@ -212,6 +218,7 @@ impl Record<'_> {
                 Some(Place { index, shown: true }) => write!(out, "{index}"),
                 _ => Ok(()),
             },
+            Column::Slave => write(out, self.slave()),
             Column::Ok => write!(out, "{}", good.is_some() && error != Some(true)),
             Column::Turn => field(out, &|kind| *kind == Kind::Turn),
             Column::Pos => field(out, &|kind| {
@@ -282,6 +289,7 @@ mod tests {
         columns(&Shape {
             format,
             time: TimeStyle::Zero,
+            slaves: true,
             counted: true,
             live: true,
             delay_clk: true,
@@ -295,7 +303,7 @@ mod tests {
         let there = shape(&format.parse().unwrap_or_else(|e| panic!("{e}")));
         let good = |column: &&Column| !matches!(column, Column::Fault | Column::Detail);
         let mut wanted: Vec<Column> = there.iter().filter(good).cloned().collect();
-        assert_eq!(wanted.len(), 21, "{wanted:?}");
+        assert_eq!(wanted.len(), 22, "{wanted:?}");
         fastrand::shuffle(&mut wanted);
         let names: Vec<&str> = wanted.iter().map(Column::name).collect();
         assert_eq!(choose(&names.join(","), &there), Ok(wanted));

@@ -18,6 +18,9 @@ impl Serialize for Record<'_> {
         if let Some(Place { index, shown: true }) = self.ch {
             map.serialize_entry("ch", &index)?;
         }
+        if let Some(slave) = self.slave() {
+            map.serialize_entry("slave", &slave)?;
+        }
         let good = self.good();
         let error = good.as_ref().and_then(|good| good.channel.error(good.data));
         map.serialize_entry("ok", &(good.is_some() && error != Some(true)))?;

@@ -22,6 +22,10 @@ impl Record<'_> {
             separate(out);
             write!(out, "ch {index}")?;
         }
+        if let Some(slave) = self.slave() {
+            separate(out);
+            write!(out, "slave {slave}")?;
+        }
         if let Some(good) = self.good() {
             good.text(out, color, degree)?;
         } else if let Some(fault) = self.fault() {
