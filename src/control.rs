@@ -20,7 +20,7 @@ mod quench;
 pub use listen::{Heard, Listener, Spoken};
 
 use crate::crc::Crc;
-use exchange::{Aim, Exchange, Progress};
+use exchange::{Aim, Came, Exchange, Progress};
 use quench::Quench;
 use std::fmt;
 
@@ -218,7 +218,8 @@ pub enum Failure {
         /// W.
         w: bool,
     },
-    /// The slave did not echo S before the first byte of a write, where it may not wait.
+    /// The slave did not echo S before a byte to be written. Before the first one it may not wait (D2, p. 17); before others
+    /// it may, but S is not repeated: where only the echo was lost it would be taken for a bit of the byte.
     NotEchoed {
         /// The register.
         address: u8,
@@ -395,6 +396,9 @@ pub struct Outcome {
     pub failure: Option<Failure>,
     /// What was read, or written and echoed: all of it without a failure, else what came before it.
     pub bytes: Bytes,
+    /// Bytes for which S had to be repeated, bit k for byte k: because the slave was busy, or because a bit error hid its
+    /// echo. Then what was read is shifted, and 1 in 16 such bytes passes its CRC, so it takes a second reading.
+    pub waited: u128,
     /// Control frames that had to be given up.
     pub retries: u32,
     /// What the last of them had failed with.
@@ -420,6 +424,8 @@ pub struct Control {
     retries: u32,
     /// Consecutive frames with CDM = 0 that count as rest.
     zeros: u8,
+    /// When the last frame began.
+    now_ns: u64,
     job: Option<Job>,
     exchange: Option<Exchange>,
     quench: Quench,
@@ -436,6 +442,8 @@ struct Job {
     before: Option<Failure>,
     /// Frames since then that were not whole while the slaves should have rested.
     lost: u32,
+    /// When the first control frame since then failed.
+    failing_since_ns: Option<u64>,
 }
 
 impl Control {
@@ -446,6 +454,7 @@ impl Control {
             late,
             retries: RETRIES,
             zeros: 0,
+            now_ns: 0,
             job: None,
             exchange: None,
             quench: Quench::default(),
@@ -471,6 +480,7 @@ impl Control {
                 access,
                 failure: None,
                 bytes: Bytes::new(),
+                waited: 0,
                 retries: 0,
                 retried_for: None,
                 frames: 0,
@@ -479,6 +489,7 @@ impl Control {
             in_row: 0,
             before: None,
             lost: 0,
+            failing_since_ns: None,
         });
         self.begin();
         Ok(())
@@ -527,6 +538,7 @@ impl Control {
         {
             job.outcome.frames += 1;
         }
+        self.now_ns = t_ns;
         match seen {
             Seen::Cut => self.cut(),
             Seen::Whole { cds, cdm } => self.whole(t_ns, cds, cdm),
@@ -562,9 +574,9 @@ impl Control {
         };
         match progress {
             Progress::Going => {}
-            Progress::Byte(byte) => self.byte(byte),
-            Progress::Last(byte) => {
-                self.byte(byte);
+            Progress::Byte(came) => self.byte(came),
+            Progress::Last(came) => {
+                self.byte(came);
                 self.frame_ends(None);
             }
             Progress::Done => self.frame_ends(None),
@@ -572,10 +584,12 @@ impl Control {
         }
     }
 
-    fn byte(&mut self, byte: u8) {
+    fn byte(&mut self, came: Came) {
         if let Some(job) = &mut self.job {
-            job.outcome.bytes.push(byte);
+            job.outcome.waited |= u128::from(came.waited) << job.outcome.bytes.len;
+            job.outcome.bytes.push(came.byte);
             (job.in_row, job.before, job.lost) = (0, None, 0);
+            job.failing_since_ns = None;
         }
     }
 
@@ -639,7 +653,13 @@ impl Control {
             return;
         };
         let sure = job.before.is_some_and(|before| before == failure) && failure.is_answer();
-        if failure == Failure::Undecided || sure || job.in_row >= self.retries {
+        let since_ns = *job.failing_since_ns.get_or_insert(self.now_ns);
+        // A slave that stores a byte may take that long until it takes another.
+        let storing = matches!(failure, Failure::NotEchoed { .. })
+            && job.outcome.bytes.len > 0
+            && self.now_ns - since_ns <= BUSY_MAX_NS;
+        let enough = job.in_row >= self.retries && !storing;
+        if failure == Failure::Undecided || sure || enough {
             job.outcome.failure = Some(failure);
             self.ended = Some(job.outcome);
             return;

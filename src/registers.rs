@@ -110,7 +110,8 @@ impl<'m, 'a> Registers<'m, 'a> {
         }
     }
 
-    /// Reads every register twice at least, until two readings agree: CRC-4 lets 17 of 220 triple bit errors pass.
+    /// Reads every register twice at least, until two readings agree: CRC-4 lets 17 of 220 triple bit errors pass. Bytes
+    /// for which the slave had to be waited for are always read so.
     pub fn verify(&mut self, verify: bool) {
         self.verify = verify;
     }
@@ -218,14 +219,22 @@ impl<'m, 'a> Registers<'m, 'a> {
     /// # Errors
     /// When nobody is there at all, or the link fails.
     pub fn cells(&mut self, slave: u8, addresses: Range<u16>) -> Result<Vec<Cell>, Trouble> {
-        let mut cells = self.cells_once(slave, addresses.clone())?;
+        let mut doubtful = Vec::new();
+        let mut cells = self.cells_once(slave, addresses.clone(), &mut doubtful)?;
         if self.verify {
-            self.read_again(slave, addresses.start, &mut cells)?;
+            doubtful = (0..cells.len()).collect();
         }
+        self.read_again(slave, addresses.start, doubtful, &mut cells)?;
         Ok(cells)
     }
 
-    fn cells_once(&mut self, slave: u8, addresses: Range<u16>) -> Result<Vec<Cell>, Trouble> {
+    /// Reads once. What needs a second reading is added to `doubtful`, counted from the first address.
+    fn cells_once(
+        &mut self,
+        slave: u8,
+        addresses: Range<u16>,
+        doubtful: &mut Vec<usize>,
+    ) -> Result<Vec<Cell>, Trouble> {
         let mut cells = Vec::new();
         let mut at = addresses.start;
         while at < addresses.end {
@@ -234,6 +243,12 @@ impl<'m, 'a> Registers<'m, 'a> {
                 address: at as u8,
                 count: (addresses.end - at) as u8,
             })?;
+            let had = cells.len();
+            doubtful.extend(
+                (0..128)
+                    .filter(|byte| outcome.waited >> byte & 1 == 1)
+                    .map(|byte| had + byte),
+            );
             cells.extend(
                 outcome
                     .bytes
@@ -261,13 +276,18 @@ impl<'m, 'a> Registers<'m, 'a> {
     }
 
     /// Reads until two readings of each register agree.
-    fn read_again(&mut self, slave: u8, start: u16, cells: &mut [Cell]) -> Result<(), Trouble> {
-        let mut open: Vec<usize> = (0..cells.len()).collect();
+    fn read_again(
+        &mut self,
+        slave: u8,
+        start: u16,
+        mut open: Vec<usize>,
+        cells: &mut [Cell],
+    ) -> Result<(), Trouble> {
         for reading in 1..READINGS {
             let mut differ = Vec::new();
             for run in runs(&open) {
                 let addresses = start + run.start as u16..start + run.end as u16;
-                let again = self.cells_once(slave, addresses)?;
+                let again = self.cells_once(slave, addresses, &mut Vec::new())?;
                 for (index, cell) in run.zip(again) {
                     let before = std::mem::replace(&mut cells[index], cell);
                     if before == cell {

@@ -16,12 +16,20 @@ pub(super) enum Aim {
 pub(super) enum Progress {
     Going,
     /// A register was read, or written and echoed.
-    Byte(u8),
+    Byte(Came),
     /// Likewise, and the control frame is over: nothing more was wanted, or the slave says that it has no more.
-    Last(u8),
+    Last(Came),
     /// The command is out.
     Done,
     Failed(Failure),
+}
+
+/// A byte with a good CRC, or echoed as it was sent.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Came {
+    pub(super) byte: u8,
+    /// S had to be repeated for it.
+    pub(super) waited: bool,
 }
 
 /// Where in the control frame the next frame is.
@@ -61,8 +69,8 @@ pub(super) struct Exchange {
     done: u8,
     /// The bits of a byte and its CRC, as far as they have come.
     bits: u16,
-    /// The last byte was good.
-    good: bool,
+    /// S was not echoed at once before the byte under way.
+    waited: bool,
     ida: u8,
 }
 
@@ -81,7 +89,7 @@ impl Exchange {
             r: false,
             done: 0,
             bits: 0,
-            good: false,
+            waited: false,
             ida: 0,
         }
     }
@@ -101,8 +109,8 @@ impl Exchange {
             Stage::Acknowledge => [!write, write],
             // What follows S in a read means nothing, so it can be repeated before it is known that it was not needed.
             Stage::Await { .. } if write && late => [self.out(0); 2],
-            Stage::Await { .. } if write && self.done == 0 => [false, self.out(0)],
-            Stage::Await { .. } if write => [true, self.out(0)],
+            // Repeated where only its echo was lost, S would be taken for the first bit of the byte.
+            Stage::Await { .. } if write => [false, self.out(0)],
             Stage::Await { .. } if late => [true; 2],
             Stage::Await { .. } => [true, false],
             Stage::Byte(13) if late => [self.more(); 2],
@@ -235,9 +243,10 @@ impl Exchange {
     /// S was not echoed. What was seen answers the S of the frame before.
     fn waits(&mut self, t_ns: u64, first_ns: u64, last_ns: u64) -> Progress {
         let address = self.address();
-        if matches!(self.aim, Aim::Write { .. }) && self.done == 0 {
+        if matches!(self.aim, Aim::Write { .. }) {
             return Progress::Failed(Failure::NotEchoed { address });
         }
+        self.waited = true;
         let waited_ns = last_ns.saturating_sub(first_ns);
         if waited_ns > BUSY_MAX_NS {
             return Progress::Failed(Failure::Silent { address, waited_ns });
@@ -253,7 +262,6 @@ impl Exchange {
     fn check(&mut self) -> Progress {
         let address = self.address();
         let (byte, got) = ((self.bits >> 4) as u8, (self.bits & 0xF) as u8);
-        self.good = false;
         match self.aim {
             Aim::Write { .. } => {
                 let sent = self.frame();
@@ -269,20 +277,22 @@ impl Exchange {
                 }
             }
         }
-        self.good = true;
         Progress::Going
     }
 
     /// P has come: the next address is there or not.
     fn ends_byte(&mut self, t_ns: u64, p: bool) -> Progress {
-        let byte = (self.bits >> 4) as u8;
+        let came = Came {
+            byte: (self.bits >> 4) as u8,
+            waited: std::mem::take(&mut self.waited),
+        };
         let more = self.more();
         self.done += 1;
         if !more || p {
-            return Progress::Last(byte);
+            return Progress::Last(came);
         }
         self.begins_byte(t_ns);
-        Progress::Byte(byte)
+        Progress::Byte(came)
     }
 
     fn executed(&mut self, cds: bool, cdm: bool) -> Progress {
