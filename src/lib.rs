@@ -43,6 +43,7 @@ pub mod crc;
 pub mod cycle;
 pub mod format;
 pub mod frame;
+pub mod identify;
 pub mod identity;
 pub mod limits;
 pub mod link;

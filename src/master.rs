@@ -254,6 +254,32 @@ impl<'a> Master<'a> {
             || self.cycle.is_good() && self.protocol.format().channels().is_empty())
     }
 
+    /// Brings the slaves to where nothing was before: MA rests, then INIT, then MA rests again (D2, p. 12 and 26).
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn reset_bus(&mut self) -> Result<(), Error> {
+        let ready_ns = self.protocol.request(&self.ability()).ready_ns;
+        let rest = ready_ns.map_or(REST_NS, u64::from).max(REST_NS);
+        self.link.idle(rest)?;
+        self.initialise()?;
+        self.link.idle(rest).map(drop)
+    }
+
+    fn initialise(&mut self) -> Result<(), Error> {
+        let Some(clocks) = self.protocol.init() else {
+            return Ok(());
+        };
+        self.tell();
+        let init = Ask { at_ns: 0, clocks };
+        self.link
+            .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
+        self.seen = Some(Seen::Cut);
+        // The slave has counted that frame.
+        self.tracker.lose_count();
+        Ok(())
+    }
+
     /// Waits without clocking, for an encoder to appear.
     ///
     /// # Errors
@@ -437,15 +463,10 @@ impl<'a> Master<'a> {
         {
             return Ok(true);
         }
-        let Some(clocks) = self.protocol.init() else {
+        if self.protocol.init().is_none() {
             return Ok(true);
-        };
-        let init = Ask { at_ns: 0, clocks };
-        self.tell();
-        self.link
-            .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
-        self.seen = Some(Seen::Cut);
-        self.tracker.lose_count();
+        }
+        self.initialise()?;
         if self.link.idle(ready)? != Some(false) {
             return Ok(true);
         }

@@ -99,7 +99,13 @@ const LINKS: &[&str] = &[
     "link/wave.rs",
 ];
 /// Joins both.
-const JOINTS: &[&str] = &["lib.rs", "link.rs", "master.rs", "registers.rs"];
+const JOINTS: &[&str] = &[
+    "identify.rs",
+    "lib.rs",
+    "link.rs",
+    "master.rs",
+    "registers.rs",
+];
 const BINARY: &[&str] = &[
     "cli.rs",
     "cli/generated.rs",
