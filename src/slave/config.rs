@@ -1,0 +1,324 @@
+//! What can be set about a simulated encoder.
+
+use crate::format::Format;
+use crate::parse::ParseError;
+use crate::preset::{Frame, Timeout as Published};
+use crate::unit::{Nanos, probability};
+use std::ops::RangeInclusive;
+
+/// When the slave takes a pause on MA for the end of the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Timeout {
+    /// A fixed time after the last MA edge: 12.5 to 40 µs (D2 Table 10).
+    Static(Nanos),
+    /// First falling to second rising MA edge of this frame, plus up to three periods of the slave's sample
+    /// clock; a static timeout of 20 µs is the ceiling while it is measured.
+    Adaptive {
+        /// Period of the slave's sample clock.
+        sample_clock: Nanos,
+    },
+    /// SLO stays low until this long after the frame was requested; a stopped clock is noticed within three
+    /// clocks (Renishaw L-9709-9005-03-F, p. 2: 40 µs).
+    FromRequest(Nanos),
+}
+
+/// How the position moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// Stays where it is.
+    Still,
+    /// One step a frame; makes lost or doubled frames visible.
+    Count,
+    /// Constant speed in revolutions per minute; a linear scale's whole length counts as a revolution.
+    Speed(f64),
+    /// Swings around the start position.
+    Sine {
+        /// Largest deviation in degrees.
+        degrees: f64,
+        /// One full swing.
+        period: Nanos,
+    },
+}
+
+/// Everything that can be set about a simulated encoder; parsed from `KEY=VAL,…`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Frame format.
+    pub format: Format,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Motion of the position in every channel.
+    pub motion: Motion,
+    /// Position at time 0, in counts.
+    pub position: u64,
+    /// Turn count at time 0.
+    pub turn: u64,
+    /// Kind and length of the timeout.
+    pub timeout: Timeout,
+    /// The timeout was asked for, so no preset sets another.
+    pub timeout_given: bool,
+    /// The timer restarts on rising MA edges only, as in some HDL slaves (PandABlocks).
+    pub rising_only: bool,
+    /// Processing time from LAT, drawn anew for each frame.
+    pub busy: RangeInclusive<Nanos>,
+    /// Clocks from Ack to start at least.
+    pub ack: u16,
+    /// Line delay: MA edge at the master to SLO edge at the master.
+    pub delay: Nanos,
+    /// Each SLO edge comes up to this much earlier or later, order kept.
+    pub jitter: Nanos,
+    /// Not there until then: SLO reads high, whatever MA does.
+    pub absent: Nanos,
+    /// SLO stays low after power-up until the first frame or INIT has passed.
+    pub power_up_low: bool,
+    /// The CDS bit of each frame.
+    pub cds: bool,
+    /// SLO is stuck at this level.
+    pub stuck: Option<bool>,
+    /// Faults and flags, each with its probability per frame in parts per billion.
+    pub rates: Rates,
+}
+
+/// Probabilities in parts per billion, per frame unless said otherwise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rates {
+    /// The CRC of every channel is sent wrong.
+    pub crc_error: u32,
+    /// SLO stays high all frame.
+    pub no_ack: u32,
+    /// SLO stays low from Ack to the timeout.
+    pub no_start: u32,
+    /// Every data bit is sent as 0, with the CRC that belongs to it.
+    pub null: u32,
+    /// The error bit is set.
+    pub error: u32,
+    /// The warning bit is set.
+    pub warning: u32,
+    /// A bit of the data or CRC is sent inverted; per bit.
+    pub flip: u32,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        #[allow(clippy::unwrap_used)] // a constant of ours
+        let format = "mt12,st20,nE,nW,crc6".parse().unwrap();
+        Config {
+            format,
+            seed: 1,
+            motion: Motion::Speed(60.0),
+            position: 0,
+            turn: 0,
+            timeout: Timeout::Static(Nanos(20_000)),
+            timeout_given: false,
+            rising_only: false,
+            busy: Nanos(0)..=Nanos(0),
+            ack: 1,
+            delay: Nanos(0),
+            jitter: Nanos(0),
+            absent: Nanos(0),
+            power_up_low: false,
+            cds: false,
+            stuck: None,
+            rates: Rates::default(),
+        }
+    }
+}
+
+/// The keys of [`Config::set`] with their values, as shown to users.
+pub const KEYS: [(&str, &str); 22] = [
+    ("frame", "FORMAT, last, takes the rest"),
+    ("seed", "N"),
+    ("motion", "still|count|speed|sine"),
+    ("pos", "COUNTS"),
+    ("turn", "N"),
+    ("rpm", "N"),
+    ("degrees", "N"),
+    ("period", "TIME"),
+    ("timeout", "TIME|adaptive|request"),
+    ("tclk", "TIME"),
+    ("timer", "any|rising"),
+    ("busy", "TIME[..TIME]"),
+    ("ack", "CLOCKS"),
+    ("delay", "TIME"),
+    ("jitter", "TIME"),
+    ("absent", "TIME, from the start on"),
+    ("power-up", "high|low"),
+    ("cds", "0|1"),
+    ("stuck", "0|1"),
+    ("crc-error no-ack no-start null", "PROBABILITY"),
+    ("error warning", "PROBABILITY"),
+    ("flip", "PROBABILITY per bit"),
+];
+
+impl Config {
+    /// Whether there is such a key.
+    pub fn knows(key: &str) -> bool {
+        KEYS.iter()
+            .any(|(keys, _)| keys.split(' ').any(|known| known == key))
+    }
+
+    /// Plays a published encoder: its frame, and its timeout where none was asked for.
+    pub fn play(&mut self, frame: &Frame) {
+        self.format = frame.format.clone();
+        let published = frame.preset.and_then(|preset| preset.timeout);
+        if let Some(timeout) = published.filter(|_| !self.timeout_given) {
+            self.timeout = match timeout {
+                Published::Static { max: time, .. } | Published::Nominal(time) => {
+                    Timeout::Static(time)
+                }
+                Published::Adaptive => Timeout::Adaptive {
+                    sample_clock: Nanos(0),
+                },
+                Published::FromRequest(time) => Timeout::FromRequest(time),
+            };
+        }
+    }
+
+    /// Sets one `KEY=VAL`; `motion` and `timeout` come before the keys that say more about them.
+    ///
+    /// # Errors
+    /// An unknown key, naming the known ones, or a value that does not fit its key.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), ParseError> {
+        let wrong = |hint: &str| {
+            ParseError::new(
+                value,
+                0..value.len(),
+                format!("`{value}` does not fit `{key}`"),
+                format!("write {key}={hint}"),
+            )
+        };
+        let count = |hint| value.parse::<u64>().map_err(|_| wrong(hint));
+        let decimal = |hint| {
+            value
+                .parse::<f64>()
+                .ok()
+                .filter(|v| v.is_finite())
+                .ok_or_else(|| wrong(hint))
+        };
+        match key {
+            "frame" => self.format = value.parse()?,
+            "seed" => self.seed = count("N")?,
+            "pos" => self.position = count("COUNTS")?,
+            "turn" => self.turn = count("N")?,
+            "motion" => {
+                self.motion = match value {
+                    "still" => Motion::Still,
+                    "count" => Motion::Count,
+                    "speed" => Motion::Speed(60.0),
+                    "sine" => Motion::Sine {
+                        degrees: 90.0,
+                        period: Nanos(1_000_000_000),
+                    },
+                    _ => return Err(wrong("still|count|speed|sine")),
+                }
+            }
+            "rpm" => match self.motion {
+                Motion::Speed(_) => self.motion = Motion::Speed(decimal("N, such as 60 or -0.5")?),
+                _ => return Err(wrong("… only with motion=speed")),
+            },
+            "degrees" => match &mut self.motion {
+                Motion::Sine { degrees, .. } => *degrees = decimal("N, such as 90")?,
+                _ => return Err(wrong("… only with motion=sine")),
+            },
+            "period" => match &mut self.motion {
+                Motion::Sine { period, .. } => {
+                    *period = value.parse()?;
+                    if period.0 == 0 {
+                        return Err(wrong("TIME above 0"));
+                    }
+                }
+                _ => return Err(wrong("… only with motion=sine")),
+            },
+            "timeout" => {
+                self.timeout_given = true;
+                self.timeout = match value {
+                    "adaptive" => Timeout::Adaptive {
+                        sample_clock: Nanos(0),
+                    },
+                    "request" => Timeout::FromRequest(Nanos(40_000)),
+                    _ => Timeout::Static(value.parse()?),
+                }
+            }
+            "tclk" => match &mut self.timeout {
+                Timeout::Adaptive { sample_clock } => *sample_clock = value.parse()?,
+                _ => return Err(wrong("… only with timeout=adaptive")),
+            },
+            "timer" => {
+                self.rising_only = match value {
+                    "any" => false,
+                    "rising" => true,
+                    _ => return Err(wrong("any|rising")),
+                }
+            }
+            "busy" => {
+                let (from, to) = Nanos::range(value)?;
+                self.busy = from..=to.unwrap_or(from);
+            }
+            "ack" => {
+                self.ack = value
+                    .parse()
+                    .ok()
+                    .filter(|n| (1..=1000).contains(n))
+                    .ok_or_else(|| wrong("CLOCKS, 1 to 1000"))?
+            }
+            "delay" => self.delay = value.parse()?,
+            "jitter" => self.jitter = value.parse()?,
+            "absent" => self.absent = value.parse()?,
+            "power-up" => {
+                self.power_up_low = match value {
+                    "high" => false,
+                    "low" => true,
+                    _ => return Err(wrong("high|low")),
+                }
+            }
+            "cds" => self.cds = level(value).ok_or_else(|| wrong("0|1"))?,
+            "stuck" => self.stuck = Some(level(value).ok_or_else(|| wrong("0|1"))?),
+            "crc-error" => self.rates.crc_error = probability(value)?,
+            "no-ack" => self.rates.no_ack = probability(value)?,
+            "no-start" => self.rates.no_start = probability(value)?,
+            "null" => self.rates.null = probability(value)?,
+            "error" => self.rates.error = probability(value)?,
+            "warning" => self.rates.warning = probability(value)?,
+            "flip" => self.rates.flip = probability(value)?,
+            _ => {
+                let known: Vec<String> = KEYS
+                    .iter()
+                    .map(|(keys, value)| format!("{}={value}", keys.replace(' ', "= ")))
+                    .collect();
+                let what = format!("the simulated slave has no `{key}`");
+                return Err(ParseError::new(
+                    key,
+                    0..key.len(),
+                    what,
+                    format!("known are\n    {}", known.join("\n    ")),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn level(value: &str) -> Option<bool> {
+    match value {
+        "0" => Some(false),
+        "1" => Some(true),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_keys_list_the_known_ones() {
+        let error = Config::default().set("dellay", "1us").unwrap_err();
+        let text = error.to_string();
+        for (keys, _) in KEYS {
+            for key in keys.split(' ') {
+                assert!(text.contains(key), "{key} in {text}");
+                assert!(Config::knows(key));
+            }
+        }
+    }
+}
