@@ -1,4 +1,4 @@
-//! The simulated slave: an encoder as one state machine driven by MA edges and time.
+//! The simulated slave: an encoder, or a chain of them, as one state machine driven by MA edges and time.
 //!
 //! It stands in for hardware in `sim:` links, in the kernel lab and in every test. It shares no code with the
 //! decoder: its bits and its CRC are made one at a time by a loop of their own, so that a wrong bit order in
@@ -7,15 +7,20 @@
 //! Rules and numbers: BiSS C protocol description D2, p. 5-8, 12 and Table 10.
 
 mod config;
+mod control;
+mod device;
+mod image;
+mod line;
 mod random;
+mod registers;
 mod words;
 
-pub use config::{Config, KEYS, Motion, Rates, Timeout};
+pub use config::{Config, Device, KEYS, Motion, Rates, Slaves, Sli, Timeout};
 
-use crate::format::{Channel, Kind};
+use device::Device as Member;
+use line::Line;
 use random::Random;
 use std::collections::VecDeque;
-use words::{CrcBits, sine};
 
 /// Static ceiling that stays active while an adaptive slave measures; 20 µs is what most parts use.
 const ADAPTIVE_CEILING_NS: u64 = 20_000;
@@ -32,7 +37,68 @@ enum State {
     Ending(u64),
 }
 
-/// The simulated encoder. Feed it MA edges in order of time and ask it for SLO.
+/// What a slave did because the master told it to. Its `id` is its place in the chain, 0 the farthest from the master: the
+/// ID it has while all before it take part in control communication.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A register was read.
+    Read {
+        /// Which slave.
+        id: usize,
+        /// The bank in its window then.
+        bank: u8,
+        /// 0x00 to 0x7F.
+        address: u8,
+        /// What was sent.
+        value: u8,
+    },
+    /// A register was written.
+    Write {
+        /// Which slave.
+        id: usize,
+        /// The bank in its window then.
+        bank: u8,
+        /// 0x00 to 0x7F.
+        address: u8,
+        /// What is in it now.
+        value: u8,
+    },
+    /// A command was executed.
+    Command {
+        /// Which slave.
+        id: usize,
+        /// 0 to 3.
+        command: u8,
+        /// It went to all.
+        broadcast: bool,
+    },
+}
+
+/// The latest events, when somebody wants them.
+#[derive(Clone, Debug, Default)]
+struct Events {
+    wanted: bool,
+    log: VecDeque<Event>,
+}
+
+/// So many events are kept.
+const MOST_EVENTS: usize = 1 << 16;
+
+impl Events {
+    fn add(&mut self, event: Event) {
+        if !self.wanted {
+            return;
+        }
+        if self.log.len() == MOST_EVENTS {
+            self.log.pop_front();
+        }
+        self.log.push_back(event);
+    }
+}
+
+/// The simulated encoder, or chain of encoders. Feed it MA edges in order of time and ask it for SLO.
+///
+/// All slaves of a chain have the same timeout, so they come to rest together.
 #[derive(Clone, Debug)]
 pub struct Slave {
     config: Config,
@@ -41,52 +107,62 @@ pub struct Slave {
     present: bool,
     powered_up: bool,
     ma: bool,
+    mo: bool,
     last_edge_ns: u64,
     first_fall_ns: u64,
     adaptive_ns: Option<u64>,
     latch_ns: u64,
-    busy_ns: u64,
     mute: bool,
     dead: bool,
-    /// Bits still to be sent after Ack, the next one last.
-    queue: Vec<bool>,
-    /// SLO as the slave drives it.
-    out: bool,
-    /// SLO as it arrives at the master, and the changes under way.
-    seen: bool,
-    under_way: VecDeque<(u64, bool)>,
+    /// The chain from its far end.
+    members: Vec<Member>,
+    /// There is an SLI that moves.
+    hears: bool,
+    /// From the last SLO to the master.
+    line: Line,
     latches: u64,
+    life: u64,
     words: Vec<u64>,
     cdm: Option<bool>,
     timeouts: u64,
+    events: Events,
 }
 
 impl Slave {
-    /// A slave at rest: MA high, SLO high unless `power_up_low`.
+    /// A slave at rest: MA high, SLO high unless `power_up_low`. Slaves that do not share out the channels of the format
+    /// ([`Config::chain`]) are one.
     pub fn new(config: Config) -> Slave {
         let level = config.stuck.unwrap_or(!config.power_up_low);
-        let bits = usize::from(config.format.bits());
+        let channels = config.format.channels().len();
+        let counts = config.chain().unwrap_or_else(|_| vec![channels]);
+        let mut members = Vec::with_capacity(counts.len());
+        let mut end = channels;
+        for (place, count) in counts.iter().rev().enumerate() {
+            members.push(Member::new(&config, place, end - count..end, level));
+            end -= count;
+        }
         Slave {
             random: Random(config.seed),
             state: State::Idle,
             present: config.absent.0 == 0,
             powered_up: !config.power_up_low,
             ma: true,
+            mo: true,
             last_edge_ns: 0,
             first_fall_ns: 0,
             adaptive_ns: None,
             latch_ns: 0,
-            busy_ns: 0,
             mute: false,
             dead: false,
-            queue: Vec::with_capacity(bits + 2),
-            out: level,
-            seen: level,
-            under_way: VecDeque::with_capacity(64),
+            hears: members.len() > 1 || config.sli == Sli::Mo,
+            members,
+            line: Line::new(level),
             latches: 0,
-            words: Vec::with_capacity(config.format.channels().len()),
+            life: 0,
+            words: Vec::with_capacity(channels),
             cdm: None,
             timeouts: 0,
+            events: Events::default(),
             config,
         }
     }
@@ -101,7 +177,7 @@ impl Slave {
         &self.words
     }
 
-    /// The CDM bit sampled at the last timeout, once.
+    /// The CDM bit sampled at the last timeout, by the slave nearest the master, once.
     pub fn take_cdm(&mut self) -> Option<bool> {
         self.cdm.take()
     }
@@ -109,6 +185,49 @@ impl Slave {
     /// How many frames its timeout has ended.
     pub fn timeouts(&self) -> u64 {
         self.timeouts
+    }
+
+    /// How many slaves there are.
+    pub fn devices(&self) -> usize {
+        self.members.len()
+    }
+
+    /// What stands at an address of slave `id`, counted from 0, the farthest; below 0x40 in a bank. `None` where a read is
+    /// refused.
+    pub fn peek(&self, id: usize, bank: u8, address: u8) -> Option<u8> {
+        self.members.get(id)?.peek(&self.config, bank, address)
+    }
+
+    /// Changes what stands at an address that [`Slave::peek`] sees, even where the master cannot; false elsewhere.
+    pub fn poke(&mut self, id: usize, bank: u8, address: u8, value: u8) -> bool {
+        self.members
+            .get_mut(id)
+            .is_some_and(|member| member.poke(&self.config, bank, address, value))
+    }
+
+    /// Keeps the latest events from now on, or no more.
+    pub fn record_events(&mut self, wanted: bool) {
+        self.events.wanted = wanted;
+    }
+
+    /// The events since [`Slave::take_events`], 65536 at most, the oldest first.
+    pub fn events(&self) -> impl Iterator<Item = &Event> {
+        self.events.log.iter()
+    }
+
+    /// The events so far, once.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        self.events.log.drain(..).collect()
+    }
+
+    /// Whether the data channels of slave `id` are switched on.
+    pub fn data_active(&self, id: usize) -> bool {
+        self.members.get(id).is_some_and(Member::data_active)
+    }
+
+    /// Whether slave `id` takes part in control communication.
+    pub fn control_active(&self, id: usize) -> bool {
+        self.members.get(id).is_some_and(Member::control_active)
     }
 
     /// MA changes to `level` at `t_ns`. Times must not go backwards; a level that is there already is no edge.
@@ -129,10 +248,27 @@ impl Slave {
                 self.state = State::Armed;
                 self.first_fall_ns = t_ns;
                 self.adaptive_ns = None;
+                self.each_with_sli(Member::arm);
             }
             (State::Armed, true) => self.latch(t_ns),
             (State::Frame(edge), true) => self.rise(t_ns, edge + 1),
+            // A lone slave on the ground has nothing to hear.
+            (State::Frame(_), false) if self.hears => self.each_with_sli(Member::fall),
             _ => {}
+        }
+    }
+
+    /// Whether an SLI is on the master's MO.
+    pub fn has_mo(&self) -> bool {
+        self.config.sli == Sli::Mo
+    }
+
+    /// MO changes to `level` at `t_ns`, for a slave whose SLI is on it. Times must not go backwards.
+    pub fn mo(&mut self, t_ns: u64, level: bool) {
+        self.advance(t_ns);
+        self.mo = level;
+        if self.state == State::Idle {
+            self.rest(t_ns);
         }
     }
 
@@ -140,7 +276,7 @@ impl Slave {
     pub fn slo(&mut self, t_ns: u64) -> bool {
         self.advance(t_ns);
         if self.present {
-            self.seen
+            self.line.seen()
         } else {
             self.config.stuck.unwrap_or(true)
         }
@@ -151,8 +287,7 @@ impl Slave {
         if !self.present {
             return Some(self.config.absent.0);
         }
-        let arriving = self.under_way.front().map(|(t, _)| *t);
-        match (arriving, self.expiry()) {
+        match (self.line.next_change(), self.expiry()) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
         }
@@ -181,40 +316,61 @@ impl Slave {
         while let Some(at) = self.expiry().filter(|at| *at <= t_ns) {
             self.expire(at);
         }
-        while let Some(&(at, level)) = self.under_way.front() {
-            if at > t_ns {
-                break;
-            }
-            self.seen = level;
-            self.under_way.pop_front();
-        }
+        self.line.advance(t_ns);
     }
 
+    // Once a frame: kept out of what runs at every edge, as is the latch.
+    #[inline(never)]
     fn expire(&mut self, at: u64) {
         if let (State::Frame(_), Timeout::FromRequest(t)) = (self.state, self.config.timeout) {
             let ready = self.first_fall_ns + t.0;
             if ready > at {
+                self.members
+                    .iter_mut()
+                    .for_each(|member| member.slo = false);
                 self.drive(at, false);
                 self.state = State::Ending(ready);
                 return;
             }
         }
         if self.state != State::Armed {
-            self.cdm = Some(!self.ma);
+            for member in &mut self.members {
+                let cdm = member.hear(!self.ma, at, &self.config, &mut self.events);
+                self.cdm = Some(cdm);
+            }
             self.timeouts += 1;
             self.powered_up = true;
         }
         self.state = State::Idle;
         self.dead = false;
-        self.drive(at, true);
+        self.rest(at);
+    }
+
+    /// Everybody is ready whose SLI is.
+    fn rest(&mut self, t_ns: u64) {
+        self.each_with_sli(Member::rest);
+        let level = self.members.last().is_none_or(|nearest| nearest.slo);
+        self.drive(t_ns, level);
+    }
+
+    /// From the far end on, as levels run.
+    fn each_with_sli(&mut self, what: impl Fn(&mut Member, bool)) {
+        let mut sli = self.has_mo() && self.mo;
+        for member in &mut self.members {
+            what(member, sli);
+            sli = member.slo;
+        }
     }
 
     /// Rising edge 1: the measurement is taken.
+    #[inline(never)]
     fn latch(&mut self, t_ns: u64) {
         self.state = State::Frame(1);
         self.latch_ns = t_ns;
         let (from, to) = (self.config.busy.start().0, self.config.busy.end().0);
-        self.busy_ns = self.random.between(from, to);
+        for member in self.members.iter_mut().rev() {
+            member.busy_ns = self.random.between(from, to);
+        }
         let rates = self.config.rates;
         self.mute = self.random.hit(rates.no_ack);
         self.dead = self.random.hit(rates.no_start);
@@ -232,111 +388,28 @@ impl Slave {
             };
             self.adaptive_ns = Some(t_ns - self.first_fall_ns + extra);
         }
-        if self.mute || !self.powered_up {
+        if !self.powered_up {
             return;
         }
-        let ready = t_ns >= self.latch_ns + self.busy_ns && edge >= 2 + u32::from(self.config.ack);
-        let bit = if edge == 2 || !self.started() && (!ready || self.dead) {
-            false
-        } else {
-            self.queue.pop().unwrap_or(false)
-        };
-        self.drive(t_ns, bit);
+        let acknowledged = edge >= 2 + u32::from(self.config.ack);
+        let nearest = self.members.len() - 1;
+        let mut level = true;
+        for (place, member) in self.members.iter_mut().enumerate() {
+            let ready = acknowledged && t_ns >= self.latch_ns + member.busy_ns;
+            let held = self.dead && place == nearest;
+            member.rise(ready && !held, &self.config);
+            level = member.slo;
+        }
+        if !self.mute {
+            self.drive(t_ns, level);
+        }
     }
 
-    fn started(&self) -> bool {
-        self.queue.len() < usize::from(self.config.format.bits()) + 2
-    }
-
-    /// SLO changes at the slave at `t_ns` and arrives later.
+    /// The last SLO changes at `t_ns` and arrives later.
     fn drive(&mut self, t_ns: u64, level: bool) {
-        if self.config.stuck.is_some() || !self.powered_up || level == self.out {
-            return;
+        if self.config.stuck.is_none() && self.powered_up {
+            self.line.drive(t_ns, level, &self.config, &mut self.random);
         }
-        self.out = level;
-        let jitter = self.config.jitter.0;
-        let wander = self.random.between(0, 2 * jitter);
-        let earliest = self.under_way.back().map_or(t_ns, |(t, _)| *t);
-        let at = (t_ns + self.config.delay.0 + wander)
-            .saturating_sub(jitter)
-            .max(earliest);
-        self.under_way.push_back((at, level));
-    }
-
-    /// The data word of each channel for the position at the latch.
-    fn measure(&mut self) {
-        let rates = self.config.rates;
-        let (error, warning) = (self.random.hit(rates.error), self.random.hit(rates.warning));
-        let null = self.random.hit(rates.null);
-        self.words.clear();
-        for channel in self.config.format.channels() {
-            let (turn, position) = self.place(channel);
-            let mut word = 0;
-            for field in channel.fields() {
-                let value = match field.kind() {
-                    Kind::Turn => turn,
-                    Kind::SingleTurn | Kind::Position => position,
-                    Kind::Padding => 0,
-                    Kind::Data(_) => position,
-                    Kind::Life => self.latches + 1,
-                    Kind::Error { active_low } => u64::from(error != *active_low),
-                    Kind::Warning { active_low } => u64::from(warning != *active_low),
-                };
-                word = field.set(word, value);
-            }
-            self.words.push(if null { 0 } else { word });
-        }
-    }
-
-    /// Turn and position of a channel now, in its own counts.
-    fn place(&self, channel: &Channel) -> (u64, u64) {
-        let bits = channel.position().map_or(16, |f| u32::from(f.bits()));
-        let range = 2f64.powi(bits as i32);
-        let seconds = self.latch_ns as f64 / 1e9;
-        let moved: i128 = match self.config.motion {
-            Motion::Still => 0,
-            Motion::Count => i128::from(self.latches),
-            Motion::Speed(rpm) => (rpm / 60.0 * seconds * range) as i128,
-            Motion::Sine { degrees, period } => {
-                let turns = self.latch_ns as f64 / period.0 as f64;
-                (degrees / 360.0 * range * sine(turns)) as i128
-            }
-        };
-        let start =
-            (i128::from(self.config.turn) << bits).wrapping_add(i128::from(self.config.position));
-        let whole = start.wrapping_add(moved);
-        (
-            (whole >> bits) as u64,
-            (whole & ((1i128 << bits) - 1)) as u64,
-        )
-    }
-
-    /// Start, CDS, then every channel bit by bit with its CRC; what follows is the stop bit and zeros.
-    fn load(&mut self) {
-        let rates = self.config.rates;
-        let spoiled = self.random.hit(rates.crc_error);
-        self.queue.clear();
-        self.queue.push(true);
-        self.queue.push(self.config.cds);
-        for (channel, word) in self.config.format.channels().iter().zip(&self.words) {
-            let spec = channel.crc().map(CrcBits::new);
-            let mut register = spec.as_ref().map_or(0, |s| s.init);
-            for place in (0..channel.data_bits()).rev() {
-                let bit = word >> place & 1 == 1;
-                if let Some(spec) = &spec {
-                    register = spec.shift(register, bit);
-                }
-                self.queue.push(bit ^ self.random.hit(rates.flip));
-            }
-            if let Some(spec) = &spec {
-                for place in (0..spec.bits).rev() {
-                    let bit = (register >> place & 1 == 1) ^ spec.inverted;
-                    let wrong = spoiled && place == 0;
-                    self.queue.push(bit ^ wrong ^ self.random.hit(rates.flip));
-                }
-            }
-        }
-        self.queue.reverse();
     }
 }
 
@@ -442,7 +515,7 @@ mod tests {
     /// D2 p. 15: after CDM = 1 MA rises before it falls, and that edge is not counted.
     #[test]
     fn the_edge_that_releases_cdm_is_not_counted() {
-        let mut slave = slave("motion=still,pos=170,frame=st8,crc6");
+        let mut slave = slave("cds=0,motion=still,pos=170,frame=st8,crc6");
         let mut t = 0;
         let first = clock(&mut slave, &mut t, 19);
         slave.ma(t, false);

@@ -79,7 +79,12 @@ const CORE: &[&str] = &[
     "protocol.rs",
     "slave.rs",
     "slave/config.rs",
+    "slave/control.rs",
+    "slave/device.rs",
+    "slave/image.rs",
+    "slave/line.rs",
     "slave/random.rs",
+    "slave/registers.rs",
     "slave/words.rs",
     "slice.rs",
     "trace.rs",
@@ -190,10 +195,21 @@ fn the_slave_shares_no_code_with_the_decoder() {
         &[
             "slave.rs",
             "slave/config.rs",
+            "slave/control.rs",
+            "slave/device.rs",
+            "slave/image.rs",
+            "slave/line.rs",
             "slave/random.rs",
+            "slave/registers.rs",
             "slave/words.rs",
         ],
-        &["crate::frame", "crate::trace", ".of(", "crate::slice"],
+        &[
+            "crate::frame",
+            "crate::trace",
+            "crate::control",
+            ".of(",
+            "crate::slice",
+        ],
     );
 }
 

@@ -52,7 +52,8 @@ impl FromStr for Config {
         let format = spec
             .frame
             .map_or(config.format.clone(), |frame| frame.format);
-        Ok(Config { format, ..*config })
+        let config = Config { format, ..*config };
+        config.chain().map(|_| config)
     }
 }
 
@@ -64,6 +65,15 @@ impl Pins for SimPins {
 
     fn sl(&mut self) -> Result<bool, Error> {
         Ok(self.slave.slo(self.now_ns))
+    }
+
+    fn has_mo(&self) -> bool {
+        self.slave.has_mo()
+    }
+
+    fn mo(&mut self, high: bool) -> Result<(), Error> {
+        self.slave.mo(self.now_ns, high);
+        Ok(())
     }
 
     fn now_ns(&self) -> u64 {

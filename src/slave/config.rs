@@ -1,6 +1,7 @@
 //! What can be set about a simulated encoder.
 
-use crate::format::Format;
+use super::image;
+use crate::format::{Format, MAX_CHANNELS};
 use crate::parse::ParseError;
 use crate::preset::{Frame, Timeout as Published};
 use crate::unit::{Nanos, probability};
@@ -40,6 +41,37 @@ pub enum Motion {
     },
 }
 
+/// Which channels belong to which slave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Slaves {
+    /// All to one.
+    One,
+    /// One channel a slave.
+    Each,
+    /// So many to each, in wire order: the slave nearest the master first.
+    Of(Vec<u8>),
+}
+
+/// What the registers of each slave hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Device {
+    /// An EDS that describes this slave's own channels.
+    Own,
+    /// What an iC-MHM showed (iC-Haus AN22).
+    Mhm,
+    /// Nothing: it is unidirectional, its CDS is 0 and it ignores CDM.
+    None,
+}
+
+/// The SLI of the slave farthest away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sli {
+    /// Grounded: it is slave 0 of a chain of its own.
+    Low,
+    /// On the master's MO.
+    Mo,
+}
+
 /// Everything that can be set about a simulated encoder; parsed from `KEY=VAL,…`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
@@ -71,8 +103,24 @@ pub struct Config {
     pub absent: Nanos,
     /// SLO stays low after power-up until the first frame or INIT has passed.
     pub power_up_low: bool,
-    /// The CDS bit of each frame.
-    pub cds: bool,
+    /// The CDS bit of each frame; `None` is control communication.
+    pub cds: Option<bool>,
+    /// The slaves of the chain.
+    pub slaves: Slaves,
+    /// What stands in their registers.
+    pub device: Device,
+    /// What drives the SLI of the slave farthest away.
+    pub sli: Sli,
+    /// A refusal is told by never echoing S, as before D2; else by inverting W.
+    pub refuses_silently: bool,
+    /// How long a register takes, drawn for each byte.
+    pub reg_busy: RangeInclusive<Nanos>,
+    /// Addresses that are not there, as on the wire.
+    pub refuse: Option<RangeInclusive<u8>>,
+    /// Addresses that cannot be written.
+    pub read_only: Option<RangeInclusive<u8>>,
+    /// The sign of life goes from its highest value to 1.
+    pub life_skips_zero: bool,
     /// SLO is stuck at this level.
     pub stuck: Option<bool>,
     /// Faults and flags, each with its probability per frame in parts per billion.
@@ -96,6 +144,58 @@ pub struct Rates {
     pub warning: u32,
     /// A bit of the data or CRC is sent inverted; per bit.
     pub flip: u32,
+    /// The position of the second channel that has one is a quarter of its range off.
+    pub pair_differs: u32,
+    /// The sign of life stays what it was.
+    pub life_stuck: u32,
+    /// IDL is not set where the slave takes its ID; per control frame.
+    pub idl_wrong: u32,
+    /// IDA is inverted; per control frame.
+    pub ida_wrong: u32,
+    /// W is inverted though the address is there; per control frame.
+    pub w_inverted: u32,
+    /// S is not echoed; per control frame.
+    pub no_s: u32,
+    /// P is 1 though there is more; per control frame.
+    pub stop_bit: u32,
+    /// The CRC of a register's data is sent wrong; per byte.
+    pub data_crc: u32,
+    /// The echo of a byte is wrong, the byte is stored as it came; per byte.
+    pub echo_wrong: u32,
+    /// A byte is acknowledged and not stored; per byte.
+    pub write_lost: u32,
+    /// CDS is sent inverted; per bit.
+    pub cds_flip: u32,
+    /// CDM is read inverted; per bit.
+    pub cdm_flip: u32,
+}
+
+impl Rates {
+    /// The one that is set by this key.
+    fn rate(&mut self, key: &str) -> Option<&mut u32> {
+        Some(match key {
+            "crc-error" => &mut self.crc_error,
+            "no-ack" => &mut self.no_ack,
+            "no-start" => &mut self.no_start,
+            "null" => &mut self.null,
+            "error" => &mut self.error,
+            "warning" => &mut self.warning,
+            "flip" => &mut self.flip,
+            "pair-differs" => &mut self.pair_differs,
+            "life-stuck" => &mut self.life_stuck,
+            "idl-wrong" => &mut self.idl_wrong,
+            "ida-wrong" => &mut self.ida_wrong,
+            "w-inverted" => &mut self.w_inverted,
+            "no-s" => &mut self.no_s,
+            "stop-bit" => &mut self.stop_bit,
+            "data-crc" => &mut self.data_crc,
+            "echo-wrong" => &mut self.echo_wrong,
+            "write-lost" => &mut self.write_lost,
+            "cds-flip" => &mut self.cds_flip,
+            "cdm-flip" => &mut self.cdm_flip,
+            _ => return None,
+        })
+    }
 }
 
 impl Default for Config {
@@ -117,7 +217,15 @@ impl Default for Config {
             jitter: Nanos(0),
             absent: Nanos(0),
             power_up_low: false,
-            cds: false,
+            cds: None,
+            slaves: Slaves::One,
+            device: Device::Own,
+            sli: Sli::Low,
+            refuses_silently: false,
+            reg_busy: Nanos(0)..=Nanos(0),
+            refuse: None,
+            read_only: None,
+            life_skips_zero: false,
             stuck: None,
             rates: Rates::default(),
         }
@@ -125,7 +233,7 @@ impl Default for Config {
 }
 
 /// The keys of [`Config::set`] with their values, as shown to users.
-pub const KEYS: [(&str, &str); 22] = [
+pub const KEYS: [(&str, &str); 33] = [
     ("frame", "FORMAT, last, takes the rest"),
     ("seed", "N"),
     ("motion", "still|count|speed|sine"),
@@ -143,11 +251,25 @@ pub const KEYS: [(&str, &str); 22] = [
     ("jitter", "TIME"),
     ("absent", "TIME, from the start on"),
     ("power-up", "high|low"),
-    ("cds", "0|1"),
+    ("cds", "0|1, instead of control communication"),
+    ("slaves", "CHANNELS[:CHANNELS…]|each, nearest first"),
+    ("sli", "low|mo, of the farthest slave"),
+    ("device", "own|mhm|none"),
+    ("refusal", "invert|silent"),
+    ("reg-busy", "TIME[..TIME]"),
+    ("refuse read-only", "ADDRESS[..ADDRESS]"),
     ("stuck", "0|1"),
     ("crc-error no-ack no-start null", "PROBABILITY"),
     ("error warning", "PROBABILITY"),
     ("flip", "PROBABILITY per bit"),
+    ("pair-differs life-stuck", "PROBABILITY"),
+    ("life-skips-zero", "0|1"),
+    (
+        "idl-wrong ida-wrong w-inverted no-s stop-bit",
+        "PROBABILITY per control frame",
+    ),
+    ("data-crc echo-wrong write-lost", "PROBABILITY per byte"),
+    ("cds-flip cdm-flip", "PROBABILITY per bit"),
 ];
 
 impl Config {
@@ -172,6 +294,36 @@ impl Config {
                 Published::FromRequest(time) => Timeout::FromRequest(time),
             };
         }
+    }
+
+    /// How many channels each slave has, the nearest first.
+    ///
+    /// # Errors
+    /// When [`Slaves::Of`] does not share out the channels of the format.
+    pub fn chain(&self) -> Result<Vec<usize>, ParseError> {
+        let channels = self.format.channels().len();
+        let Slaves::Of(counts) = &self.slaves else {
+            return Ok(match self.slaves {
+                Slaves::Each => vec![1; channels],
+                _ => vec![channels],
+            });
+        };
+        let counts: Vec<usize> = counts.iter().map(|count| usize::from(*count)).collect();
+        if counts.iter().sum::<usize>() == channels {
+            return Ok(counts);
+        }
+        let text = counts.iter().map(usize::to_string).collect::<Vec<_>>();
+        let text = text.join(":");
+        let what = format!("the slaves `{text}` do not share out {channels} channels");
+        Err(ParseError::new(
+            &text,
+            0..text.len(),
+            what,
+            format!(
+                "the frame is {}: so many channels, the nearest slave's first",
+                self.format
+            ),
+        ))
     }
 
     /// Sets one `KEY=VAL`; `motion` and `timeout` come before the keys that say more about them.
@@ -271,15 +423,56 @@ impl Config {
                     _ => return Err(wrong("high|low")),
                 }
             }
-            "cds" => self.cds = level(value).ok_or_else(|| wrong("0|1"))?,
+            "cds" => self.cds = Some(level(value).ok_or_else(|| wrong("0|1"))?),
+            "slaves" => {
+                self.slaves = slaves(value)
+                    .ok_or_else(|| wrong("CHANNELS[:CHANNELS…], such as 1:2, or each"))?
+            }
+            "sli" => {
+                self.sli = match value {
+                    "low" => Sli::Low,
+                    "mo" => Sli::Mo,
+                    _ => return Err(wrong("low|mo")),
+                }
+            }
+            "device" => {
+                self.device = match value {
+                    "own" => Device::Own,
+                    "mhm" => Device::Mhm,
+                    "none" => Device::None,
+                    _ => return Err(wrong("own|mhm|none")),
+                };
+                if self.device == Device::Mhm {
+                    self.format = image::mhm_format();
+                }
+            }
+            "refusal" => {
+                self.refuses_silently = match value {
+                    "invert" => false,
+                    "silent" => true,
+                    _ => return Err(wrong("invert|silent")),
+                }
+            }
+            "reg-busy" => {
+                let (from, to) = Nanos::range(value)?;
+                self.reg_busy = from..=to.unwrap_or(from);
+            }
+            "refuse" => {
+                let range = addresses(value).ok_or_else(|| wrong(ADDRESSES))?;
+                self.refuse = Some(range);
+            }
+            "read-only" => {
+                let range = addresses(value).ok_or_else(|| wrong(ADDRESSES))?;
+                self.read_only = Some(range);
+            }
+            "life-skips-zero" => self.life_skips_zero = level(value).ok_or_else(|| wrong("0|1"))?,
             "stuck" => self.stuck = Some(level(value).ok_or_else(|| wrong("0|1"))?),
-            "crc-error" => self.rates.crc_error = probability(value)?,
-            "no-ack" => self.rates.no_ack = probability(value)?,
-            "no-start" => self.rates.no_start = probability(value)?,
-            "null" => self.rates.null = probability(value)?,
-            "error" => self.rates.error = probability(value)?,
-            "warning" => self.rates.warning = probability(value)?,
-            "flip" => self.rates.flip = probability(value)?,
+            _ if self.rates.rate(key).is_some() => {
+                let parts = probability(value)?;
+                if let Some(rate) = self.rates.rate(key) {
+                    *rate = parts;
+                }
+            }
             _ => {
                 let known: Vec<String> = KEYS
                     .iter()
@@ -296,6 +489,45 @@ impl Config {
         }
         Ok(())
     }
+}
+
+const ADDRESSES: &str = "ADDRESS[..ADDRESS], 0x00 to 0x7F, such as 0x10..0x1F";
+
+/// `0x10`, `16..31`.
+fn addresses(text: &str) -> Option<RangeInclusive<u8>> {
+    let address = |text: &str| {
+        let hex = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
+        let number = match hex {
+            Some(digits) => u8::from_str_radix(digits, 16),
+            None => text.parse(),
+        };
+        number.ok().filter(|address| *address < 0x80)
+    };
+    let (from, to) = text.split_once("..").unwrap_or((text, text));
+    let (from, to) = (address(from)?, address(to)?);
+    (from <= to).then_some(from..=to)
+}
+
+/// More would only make frames long.
+const MOST_SLAVES: usize = 32;
+
+/// `1:2:0`, `each`.
+fn slaves(text: &str) -> Option<Slaves> {
+    if text == "each" {
+        return Some(Slaves::Each);
+    }
+    let counts: Option<Vec<u8>> = text
+        .split(':')
+        .map(|count| {
+            count
+                .parse()
+                .ok()
+                .filter(|n| usize::from(*n) <= MAX_CHANNELS)
+        })
+        .collect();
+    counts
+        .filter(|counts| counts.len() <= MOST_SLAVES)
+        .map(Slaves::Of)
 }
 
 fn level(value: &str) -> Option<bool> {
