@@ -124,7 +124,7 @@ impl Known {
     }
 
     /// Keeps what `read` brought, from its first address on; what is missing counts as not read. Whatever it brought,
-    /// the same is not wanted again.
+    /// the same is not wanted again: a master that must not select banks stores no cells and goes on.
     pub fn store(&mut self, read: &Read, cells: &[Cell]) {
         let pairs = || read.addresses().zip(cells.iter().copied());
         let Some(bank) = read.bank else {

@@ -38,15 +38,18 @@ pub fn candidates(devices: &[Known]) -> Vec<Candidate> {
     for pick in picks(&counts, 4 * MAX_CANDIDATES) {
         let chosen = parts.iter().zip(&pick).map(|(parts, at)| &parts[*at]);
         let channels: Vec<&(u8, Choice)> = chosen.flatten().collect();
-        if let Some(candidate) = joined(&channels) {
-            if found.iter().all(|known| known.format != candidate.format) {
-                found.push(candidate);
-            }
+        // The CRC passes either way: whether the sign of life counts must be seen before it is taken for something else.
+        for life in [true, false] {
+            found.extend(joined(&channels, life).filter(|candidate| {
+                let twin = |known: &Candidate| known.format == candidate.format;
+                !found.iter().any(twin)
+            }));
         }
-        if found.len() == MAX_CANDIDATES {
+        if found.len() >= MAX_CANDIDATES {
             break;
         }
     }
+    found.truncate(MAX_CANDIDATES);
     found
 }
 
@@ -87,8 +90,12 @@ pub fn readings(cpoly: u8) -> Vec<u32> {
 /// The polynomials that the four bytes of a profile EDS can stand for, likelier first, each with whether it takes the low
 /// byte first: that is tried only where the number is too large as it stands.
 pub fn wide_readings(cpoly: u32) -> Vec<(u32, bool)> {
+    wide_ordered(cpoly, Convention::Short)
+}
+
+fn wide_ordered(cpoly: u32, unless_known: Convention) -> Vec<(u32, bool)> {
     let read = |number, low_first| {
-        let polys = ordered(number, Convention::Whole);
+        let polys = ordered(number, unless_known);
         polys.into_iter().map(move |poly| (poly, low_first))
     };
     if cpoly > 0x1_FFFF {
@@ -149,6 +156,8 @@ fn degree(poly: u32) -> u8 {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Choice {
     text: String,
+    /// The same bits read without a sign of life, where `text` has one.
+    lifeless: Option<String>,
     why: String,
     doubts: Vec<&'static str>,
 }
@@ -159,8 +168,12 @@ type Part = Vec<(u8, Choice)>;
 /// Channels in wire order with all that each might be, likelier first.
 type Arrangement = Vec<(u8, Vec<Choice>)>;
 
-fn joined(channels: &[&(u8, Choice)]) -> Option<Candidate> {
-    let texts: Vec<&str> = channels.iter().map(|(_, c)| c.text.as_str()).collect();
+fn joined(channels: &[&(u8, Choice)], life: bool) -> Option<Candidate> {
+    let text = |choice: &'_ Choice| match &choice.lifeless {
+        Some(lifeless) if !life => lifeless.clone(),
+        _ => choice.text.clone(),
+    };
+    let texts: Vec<String> = channels.iter().map(|(_, choice)| text(choice)).collect();
     let format = texts.join("+").parse().ok()?;
     let reasons: Vec<String> = match channels {
         [(_, choice)] => vec![choice.why.clone()],
@@ -193,6 +206,8 @@ struct Group<'a> {
     eds: Option<(&'a Known, &'a Eds)>,
     /// Other devices are on the bus.
     in_chain: bool,
+    /// How polynomials are written where the device itself does not show it.
+    usual: Convention,
 }
 
 /// The devices on the bus, nearest the master first; `None` unless the IDs are 0 to n. A trusted EDS with several slave
@@ -232,10 +247,18 @@ fn groups(devices: &[Known]) -> Option<Vec<Group<'_>>> {
             members: vec![known],
             eds: described.trusted_eds().map(|eds| (described, eds)),
             in_chain: true,
+            usual: Convention::Short,
         });
     }
     if let [only] = groups.as_mut_slice() {
         only.in_chain = false;
+    }
+    let described = groups.iter().filter_map(|group| group.eds);
+    let shown: Vec<Convention> = described
+        .flat_map(|(through, eds)| shown_by(through, eds))
+        .collect();
+    if let Some(usual) = majority(&shown) {
+        groups.iter_mut().for_each(|group| group.usual = usual);
     }
     Some(groups)
 }
@@ -288,12 +311,12 @@ impl Group<'_> {
         let (Some(highest), Some(lowest)) = (self.ids.first(), self.ids.last()) else {
             return Vec::new();
         };
-        let whole = convention_of(eds);
+        let shown = majority(&shown_by(through, eds)).unwrap_or(self.usual);
         let describe = |channel: &EdsChannel, id: u8| {
             let device = self.member(id).unwrap_or(&through.device);
             let profile = channel.profile_bank.and_then(|bank| through.profile(bank));
             let profile = profile.filter(|profile| profile.distrust.is_none());
-            (id, eds_choices(channel, device.profile, profile, whole))
+            (id, eds_choices(channel, device.profile, profile, shown))
         };
         let used = || eds.channels.iter().filter(|channel| channel.data_bits > 0);
         let up = |channel: &EdsChannel| lowest.saturating_add(channel.slave).min(*highest);
@@ -301,7 +324,7 @@ impl Group<'_> {
         let far_last: Arrangement = used().rev().map(|c| describe(c, up(c))).collect();
         let near_first: Arrangement = used().map(|c| describe(c, down(c))).collect();
         match (self.ids.len(), far_last.len()) {
-            (_, 1) => vec![far_last],
+            (_, 0 | 1) => vec![far_last],
             (1, _) => vec![near_first, far_last],
             _ => vec![far_last, near_first],
         }
@@ -397,14 +420,22 @@ fn spread(
     }
 }
 
-/// How the device writes its polynomials, where its channels show it.
-fn convention_of(eds: &Eds) -> Option<Convention> {
-    let shown = |want| {
-        let used = eds.channels.iter().filter(|channel| channel.data_bits > 0);
-        let polys = used.map(|channel| convention(channel.cpoly.into()));
-        polys.filter(|shown| *shown == Some(want)).count()
-    };
-    match shown(Convention::Whole).cmp(&shown(Convention::Short)) {
+/// How a device writes its polynomials, where its channels show it.
+fn shown_by(through: &Known, eds: &Eds) -> Vec<Convention> {
+    let used = eds.channels.iter().filter(|channel| channel.data_bits > 0);
+    let stored = used.flat_map(|channel| {
+        let profile = channel.profile_bank.and_then(|bank| through.profile(bank));
+        [
+            Some(channel.cpoly.into()),
+            profile.and_then(|profile| profile.poly),
+        ]
+    });
+    stored.flatten().filter_map(convention).collect()
+}
+
+fn majority(shown: &[Convention]) -> Option<Convention> {
+    let count = |want| shown.iter().filter(|shown| **shown == want).count();
+    match count(Convention::Whole).cmp(&count(Convention::Short)) {
         std::cmp::Ordering::Greater => Some(Convention::Whole),
         std::cmp::Ordering::Less => Some(Convention::Short),
         std::cmp::Ordering::Equal => None,
@@ -464,26 +495,27 @@ impl Content<'_> {
 
     /// The channel with a CRC. Only the safety polynomial goes with a sign of life, which may be left out.
     fn with(&self, crc: &CrcChoice, why: &str) -> Vec<Choice> {
-        let safety = self.encoder && crc.poly == SAFETY_POLY;
-        let kinds: &[bool] = if safety { &[true, false] } else { &[false] };
-        let why = format!("{why}, {}", crc.why);
+        let life = self.encoder && crc.poly == SAFETY_POLY && self.bits > 2 + LIFE_BITS;
+        let Some((fields, doubts)) = self.fields(life) else {
+            return Vec::new();
+        };
+        let lifeless = life.then(|| self.fields(false)).flatten();
+        let choice = Choice {
+            text: format!("{fields},{crc}"),
+            lifeless: lifeless.map(|(fields, _)| format!("{fields},{crc}")),
+            why: format!("{why}, {}", crc.why),
+            doubts,
+        };
         let mut found = Vec::new();
-        for (fields, doubts) in kinds.iter().filter_map(|life| self.fields(*life)) {
-            let text = format!("{fields},{}", crc.text());
-            // Leading zeros change a CRC only if it starts with something else than 0.
-            if self.stop && crc.start == 0 {
-                found.push(Choice {
-                    text: format!("pad1,{text}"),
-                    why: why.clone(),
-                    doubts: [doubts.clone(), vec![STOP]].concat(),
-                });
-            }
+        // Leading zeros change a CRC only if it starts with something else than 0.
+        if self.stop && crc.start == 0 {
             found.push(Choice {
-                text,
-                why: why.clone(),
-                doubts,
+                text: format!("pad1,{}", choice.text),
+                doubts: vec![STOP],
+                ..choice.clone()
             });
         }
+        found.push(choice);
         found.retain(|choice| choice.text.parse::<Format>().is_ok());
         found
     }
@@ -497,12 +529,12 @@ struct CrcChoice {
     why: String,
 }
 
-impl CrcChoice {
-    fn text(&self) -> String {
-        let (bits, poly) = (degree(self.poly), self.poly);
+impl std::fmt::Display for CrcChoice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "crc{}:{:#X}", degree(self.poly), self.poly)?;
         match self.start {
-            0 => format!("crc{bits}:{poly:#X}"),
-            start => format!("crc{bits}:{poly:#X}:init={start:#X}"),
+            0 => Ok(()),
+            start => write!(f, ":init={start:#X}"),
         }
     }
 }
@@ -513,7 +545,7 @@ fn eds_choices(
     channel: &EdsChannel,
     bp: Profile,
     profile: Option<&ProfileEds>,
-    shown: Option<Convention>,
+    unless_known: Convention,
 ) -> Vec<Choice> {
     let kind = profile.and_then(|profile| profile.encoder);
     let content = Content {
@@ -524,7 +556,7 @@ fn eds_choices(
         stop: channel.actuator && channel.leading_stop,
         left: channel.left_aligned,
     };
-    let crcs = eds_crcs(channel, bp, profile, shown, content.encoder);
+    let crcs = eds_crcs(channel, bp, profile, unless_known, content.encoder);
     let bits = channel.data_bits;
     let plural = if bits == 1 { "" } else { "s" };
     let why = format!("EDS: {bits} bit{plural}");
@@ -537,6 +569,7 @@ fn eds_choices(
     if crcs.is_empty() && !content.encoder {
         choices.push(Choice {
             text: format!("data{bits}"),
+            lifeless: None,
             why: format!("{why}, no CRC"),
             doubts: vec!["without a CRC nothing shows whether it is right"],
         });
@@ -548,12 +581,12 @@ fn eds_crcs(
     channel: &EdsChannel,
     bp: Profile,
     profile: Option<&ProfileEds>,
-    shown: Option<Convention>,
+    unless_known: Convention,
     encoder: bool,
 ) -> Vec<CrcChoice> {
     let mut polys: Vec<(u32, String)> = Vec::new();
     let stored = profile.and_then(|profile| profile.poly).unwrap_or(0);
-    for (poly, low_first) in wide_readings(stored) {
+    for (poly, low_first) in wide_ordered(stored, unless_known) {
         let order = if low_first { ", low byte first" } else { "" };
         polys.push((
             poly,
@@ -561,7 +594,7 @@ fn eds_crcs(
         ));
     }
     let cpoly = u32::from(channel.cpoly);
-    for poly in ordered(cpoly, shown.unwrap_or(Convention::Short)) {
+    for poly in ordered(cpoly, unless_known) {
         polys.push((poly, read_as(cpoly, poly)));
     }
     if let (Some(poly), Some(name)) = (bp.poly(), bp.name()) {
@@ -676,7 +709,13 @@ fn safety_arrangements(id: u8, bits: u8, alone: bool, why: &str) -> Vec<Arrangem
     let word = |text: String, doubts: &[&'static str]| {
         let doubts = doubts.to_vec();
         let why = format!("{why}, CPW and SPW");
-        (id, vec![Choice { text, why, doubts }])
+        let choice = Choice {
+            text,
+            lifeless: None,
+            why,
+            doubts,
+        };
+        (id, vec![choice])
     };
     let cpw = |turns, position| word(format!("{}nE,nW,crc6", split(turns, position)), &[]);
     let spw = |turns, position| word(format!("{}nE,nW,lc6,crc16", split(turns, position)), &[]);

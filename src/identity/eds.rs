@@ -160,6 +160,8 @@ impl Eds {
         }
         match self.channel_count {
             None => return Some("DC_NUM could not be read"),
+            // A bus coupler on its own has none.
+            Some(0) if self.bus_coupler.is_some() => return None,
             Some(0) => return Some("DC_NUM is 0: no data channels"),
             Some(count) if usize::from(count) > CHANNELS => {
                 return Some("DC_NUM is more than 8");
