@@ -242,7 +242,17 @@ fn profiles_as_data_sheets_have_them() {
         }
     }
     let known = Slave::default().with(0x42, &[0x62, 0x40]).known(0);
+    assert_eq!(known.device.field(0x42).unwrap().doubt, None);
     assert_eq!(texts(&candidates(&[known]))[0], "st62,nE,nW,crc6");
+    // Length is seven bits, version three.
+    let known = Slave::default().with(0x42, &[0x7F, 0x9E]).known(0);
+    let safety = Profile::Safety {
+        version: 7,
+        crc_flag: true,
+        data_bits: 30,
+    };
+    assert_eq!(known.device.profile, safety);
+    assert!(known.device.field(0x42).unwrap().doubt.is_some());
 }
 
 #[test]
@@ -618,6 +628,30 @@ fn a_known_polynomial_shows_how_the_others_are_written() {
     }
 }
 
+#[test]
+fn a_polynomial_of_no_width_is_read_as_ic_haus_writes_it() {
+    let sent = data(24, false, Some((8, 0x197)));
+    let found = candidates(&[slave_with(&[sent], Stored::Short, 1, 0).known(0)]);
+    assert_eq!(texts(&found), ["data24,crc8:0x197", "data24,crc7:0xCB"]);
+}
+
+/// A device that does not show it is taken for one like the others on the bus.
+#[test]
+fn devices_of_a_bus_write_alike() {
+    for stored in [Stored::Whole, Stored::Short] {
+        let clear = encoder(12, 20, 6, 0x43);
+        let unclear = data(24, false, Some((7, 0x9D)));
+        let device =
+            |sent: &Sent, id| slave_with(std::slice::from_ref(sent), stored, 1, 0).known(id);
+        let found = candidates(&[device(&clear, 0), device(&unclear, 1)]);
+        assert_eq!(
+            found[0].format,
+            format_of(&[&unclear, &clear]),
+            "{stored:?}"
+        );
+    }
+}
+
 /// One device with one slave ID for each channel: the highest ID is nearest, and its channel comes first.
 #[test]
 fn channels_with_their_own_ids_come_highest_first() {
@@ -636,8 +670,15 @@ fn channels_with_their_own_ids_come_highest_first() {
     assert!(found.iter().all(|c| c.slaves == [1, 0]));
     assert!(unexplained(&bus).is_empty());
 
+    let ids = |known: &Known| -> Vec<u8> {
+        let eds = known.trusted_eds().unwrap();
+        eds.channels.iter().map(|channel| channel.slave).collect()
+    };
+    assert_eq!(ids(&bus[0]), [0, 1]);
+
     // The same with one ID: the EDS's own order is the likelier one.
     let slave = slave_with(&sent, Stored::Whole, 1, 0);
+    assert_eq!(ids(&slave.known(0)), [0, 0]);
     let found = candidates(&[slave.known(0)]);
     assert_eq!(
         found[0].format.to_string(),
@@ -708,8 +749,26 @@ fn a_bus_coupler_has_no_channel() {
         "bus coupler is number 1 of the device"
     );
     let found = candidates(&bus);
-    assert_eq!(found[0].format.to_string(), "data16,crc5+st24,nE,nW,crc6");
+    let expected = "data16,crc5+st24,nE,nW,crc6";
+    assert_eq!(found[0].format.to_string(), expected);
     assert_eq!(found[0].slaves, [2, 0]);
+
+    // Whatever stands in its slot, as there are fewer channels than IDs.
+    slave.banks.last_mut().unwrap().1[0x19] = 30;
+    let bus = [slave.known(0), none.known(1), none.known(2)];
+    assert_eq!(candidates(&bus)[0].format.to_string(), expected);
+
+    // Where the EDS makes no frame, BP_ID does, and the coupler is no hole.
+    let mut slave = slave_with(&[encoder(0, 24, 6, 0x43)], Stored::Whole, 2, 0);
+    let eds = &mut slave.banks.last_mut().unwrap().1;
+    (eds[0x15], eds[0x34]) = (2, 0x11);
+    let bus = [
+        slave.with(0x42, &[0x62, 0x1E]).known(0),
+        Slave::default().known(1),
+    ];
+    let found = candidates(&bus);
+    assert_eq!(found[0].format.to_string(), "st28,nE,nW,crc6");
+    assert_eq!(found[0].slaves, [0]);
 }
 
 #[test]
@@ -794,6 +853,9 @@ fn actuators_and_unknown_data_are_data() {
         found[0].doubts,
         ["without a CRC nothing shows whether it is right"]
     );
+    // Not even the profile of an encoder makes a position of it.
+    let own = slave.clone().with(0x42, &[0x62, 0x1E]).known(0);
+    assert_eq!(texts(&candidates(&[own]))[0], "data16,crc5+st6,nE,nW,crc6");
     slave.banks.last_mut().unwrap().1[0x16] = 0b1001;
     let known = slave.known(0);
     let eds = known.trusted_eds().unwrap();
@@ -827,6 +889,27 @@ fn an_unknown_split_is_said() {
     slave.banks[0].1[0x0A] = 32;
     let found = candidates(&[slave.known(0)]);
     assert_eq!(found[0].format.to_string(), "st32,nE,nW,crc6");
+}
+
+/// 8 bits do not hold the polynomial of a safety word.
+#[test]
+fn a_safety_word_without_a_profile_eds() {
+    let rng = &mut common::rng();
+    for (stored, cpoly) in [
+        (Stored::Whole, 0x00),
+        (Stored::Whole, 0xD9),
+        (Stored::Short, 0x6C),
+    ] {
+        let sent = [encoder(0, 24, 6, 0x43), safety_word(0, 16, 0)];
+        let mut slave = slave_with(&sent, stored, 1, 0);
+        slave.banks.retain(|(bank, _)| *bank == 2);
+        slave.banks[0].1[0x1B] = cpoly;
+        let known = slave.with(0x42, &[0x62, 0x1A]).known(0);
+        let truth = format_of(&[&sent[0], &sent[1]]);
+        let found = candidates(&[known]);
+        let right = settled(&truth, &found, 40, rng).unwrap();
+        assert_eq!(right.format, truth, "{cpoly:#x}: {:#?}", texts(&found));
+    }
 }
 
 #[test]
@@ -1014,13 +1097,24 @@ fn what_is_not_written_is_not_believed() {
     ] {
         let mut slave = good.clone();
         slave.banks.last_mut().unwrap().1[address] = byte;
-        let known = slave.known(0);
+        let (known, reads) = slave.read(0);
+        assert_eq!(reads, 2, "the profile EDS it names is not read");
         let eds = known.eds.as_ref().unwrap();
         assert_eq!(eds.distrust, Some(why));
         let field = eds.fields.iter().find(|f| usize::from(f.offset) == address);
         assert!(field.unwrap().doubt.is_some(), "{why}: not marked");
         assert_eq!(candidates(std::slice::from_ref(&known)), []);
         assert_eq!(unexplained(&[known]), [0]);
+    }
+    for (bytes, why) in [
+        ([0, 0, 63], "MTLEN leaves no position"),
+        ([2, 0, 12], "ENTYP is neither rotary nor linear"),
+    ] {
+        let mut window = Window::of(0, &[0; 64]);
+        (0x08..)
+            .zip(bytes)
+            .for_each(|(at, byte)| window.set(at, Cell::Byte(byte)));
+        assert_eq!(ProfileEds::decode(&window).distrust, Some(why));
     }
     // Refused where it matters, and where it does not.
     let bytes = good.banks.last().unwrap().1.clone();

@@ -44,7 +44,7 @@ pub struct Device {
 pub enum BankSelect {
     /// Banks can be selected; this one is.
     At(u8),
-    /// Refused: there is one bank only (D2, p. 20).
+    /// Refused: there is one bank only (D2, p. 20-22).
     OneBank,
     /// Not read.
     Unread,
@@ -75,7 +75,7 @@ impl EdsBank {
 /// (profilebiss.xml of the BiSS Association).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Profile {
-    /// 0x0000: none (D2, p. 21), or the registers are not there.
+    /// 0x0000: none (D2, p. 20-22), or the registers are not there.
     None,
     /// BP0, universal (profilebiss.xml).
     Universal {
@@ -279,7 +279,7 @@ pub struct Serial {
 }
 
 impl Serial {
-    /// Big endian, as the standard has it (D2, p. 20). `None` for 0 and 0xFFFFFFFF, which are no numbers (D2, p. 21).
+    /// Big endian, as the standard has it (D2, p. 20). `None` for 0 and 0xFFFFFFFF, which are no numbers (D2, p. 20-22).
     pub fn number(&self) -> Option<u32> {
         self.bytes().map(u32::from_be_bytes).and_then(real_serial)
     }
@@ -307,7 +307,7 @@ pub struct DeviceId {
 }
 
 impl DeviceId {
-    /// Big endian: 0x78 has bits 47 to 40 (D2, p. 21).
+    /// Big endian: 0x78 has bits 47 to 40 (D2, p. 20-22).
     pub fn number(&self) -> Option<u64> {
         self.raw
             .iter()
@@ -328,7 +328,7 @@ pub struct Manufacturer {
 }
 
 impl Manufacturer {
-    /// Big endian: 0x7E is the high byte (D2, p. 21).
+    /// Big endian: 0x7E is the high byte (D2, p. 20-22).
     pub fn number(&self) -> Option<u16> {
         let [high, low] = self.raw.map(Cell::byte);
         Some(u16::from_be_bytes([high?, low?]))
@@ -413,7 +413,18 @@ impl Device {
         } else if self.eds_bank.number().is_some() && self.bank_select == BankSelect::OneBank {
             eds.doubt = Some("there are no banks to select it from");
         }
-        let profile = field(direct, 0x42, 2, "BP_ID", |_| self.profile.say());
+        let profile = field(direct, 0x42, 2, "BP_ID", |number| {
+            let (meaning, doubt) = self.profile.say();
+            let length = matches!(
+                self.profile,
+                Profile::Encoder { .. } | Profile::Safety { .. }
+            );
+            let odd = length && number & 0x80 != 0;
+            (
+                meaning,
+                doubt.or(odd.then_some("bit 7 has no published meaning")),
+            )
+        });
         let serial = field(direct, 0x44, 4, "DEV_SN", |_| {
             match (self.serial.number(), self.serial.low_first()) {
                 (Some(number), Some(swapped)) => (
