@@ -23,6 +23,7 @@ use crate::crc::Crc;
 use exchange::{Aim, Came, Exchange, Progress};
 use quench::Quench;
 use std::fmt;
+use std::sync::OnceLock;
 
 /// Frames with CDM = 0 before a control frame (C6, p. 9).
 pub const REST_FRAMES: u8 = 14;
@@ -44,7 +45,9 @@ pub const MAX_IDS: u8 = 8;
 
 /// The CRC of header and data: x⁴+x+1, start value 0, sent inverted (D2, p. 14 and 16).
 fn crc4(data: u64, len: u8) -> u8 {
-    Crc::standard(4).map_or(0, |crc| crc.of(data, len)) as u8
+    static CRC: OnceLock<Option<Crc>> = OnceLock::new();
+    let crc = CRC.get_or_init(|| Crc::standard(4)).as_ref();
+    crc.map_or(0, |crc| crc.of(data, len)) as u8
 }
 
 /// Up to 128 bytes, without a heap.
@@ -276,7 +279,7 @@ pub enum Failure {
         /// The last one.
         second: u8,
     },
-    /// The frame that executes a command was not whole: whether it was executed is not known, so it is not repeated.
+    /// A frame in which a command may be executed was not whole: whether it was is not known, so it is not repeated.
     Undecided,
 }
 
@@ -311,7 +314,7 @@ impl fmt::Display for Failure {
             ),
             Failure::NotEchoed { address } => write!(
                 f,
-                "the slave did not echo the start of the byte for register {address:#04x}"
+                "the slave did not echo the start of the byte for register {address:#04x}: some refuse so"
             ),
             Failure::Silent { address, waited_ns } => write!(
                 f,
@@ -350,7 +353,7 @@ impl fmt::Display for Failure {
                 "register {address:#04x} gave {first:#04x}, then {second:#04x}: no two readings agree"
             ),
             Failure::Undecided => f.write_str(
-                "the frame that executes the command was not whole: it may have been executed or not",
+                "a frame that could execute the command was not whole: it may have been executed or not",
             ),
         }
     }
@@ -383,8 +386,11 @@ pub enum Seen {
         /// The master's bit, as sent.
         cdm: bool,
     },
-    /// It stalled, or was cut, or nobody answered: the slave has taken no bit, or this one, or others.
-    Cut,
+    /// It stalled, or nobody answered, or its start bit was in doubt: the slave has taken this bit, or others.
+    Cut {
+        /// The master's bit, as sent after all clocks; none where there were none, or those of INIT.
+        cdm: Option<bool>,
+    },
 }
 
 /// How an access ended.
@@ -424,6 +430,8 @@ pub struct Control {
     retries: u32,
     /// Consecutive frames with CDM = 0 that count as rest.
     zeros: u8,
+    /// For so many frames a slave may still wait for the bit that executes a command.
+    armed: u8,
     /// When the last frame began.
     now_ns: u64,
     job: Option<Job>,
@@ -454,6 +462,7 @@ impl Control {
             late,
             retries: RETRIES,
             zeros: 0,
+            armed: 0,
             now_ns: 0,
             job: None,
             exchange: None,
@@ -540,7 +549,7 @@ impl Control {
         }
         self.now_ns = t_ns;
         match seen {
-            Seen::Cut => self.cut(),
+            Seen::Cut { cdm } => self.cut(cdm),
             Seen::Whole { cds, cdm } => self.whole(t_ns, cds, cdm),
             Seen::Reduced { cdm } => self.whole(t_ns, false, cdm),
         }
@@ -553,6 +562,7 @@ impl Control {
     }
 
     fn whole(&mut self, t_ns: u64, cds: bool, cdm: bool) {
+        self.armed = self.armed.saturating_sub(1);
         if self.quench.bit().is_some() {
             self.quench.sent(cdm);
             self.zeros = 0;
@@ -593,16 +603,18 @@ impl Control {
         }
     }
 
-    fn cut(&mut self) {
+    fn cut(&mut self, cdm: Option<bool>) {
         self.zeros = 0;
         if !self.quench.is_over() {
-            self.quench.slip();
+            self.quench.slip(cdm);
         }
         let Some(exchange) = &self.exchange else {
             self.lost();
             return;
         };
-        self.quench = exchange.slipped();
+        self.quench = exchange.abandoned();
+        self.quench.slip(cdm);
+        self.armed = exchange.armed();
         let failure = match exchange.may_have_executed() {
             true => Failure::Undecided,
             false => Failure::Cut,
@@ -615,8 +627,11 @@ impl Control {
         let most = u32::from(REST_FRAMES) * (self.retries + 1);
         if let Some(job) = &mut self.job {
             job.lost += 1;
-            if job.lost >= most {
-                job.outcome.failure = Some(Failure::Cut);
+            if job.lost >= most || self.armed > 0 {
+                job.outcome.failure = Some(match self.armed {
+                    0 => Failure::Cut,
+                    _ => Failure::Undecided,
+                });
                 self.ended = Some(job.outcome);
                 self.job = None;
             }
@@ -652,14 +667,14 @@ impl Control {
             }
             return;
         };
-        let sure = job.before.is_some_and(|before| before == failure) && failure.is_answer();
         let since_ns = *job.failing_since_ns.get_or_insert(self.now_ns);
         // A slave that stores a byte may take that long until it takes another.
         let storing = matches!(failure, Failure::NotEchoed { .. })
             && job.outcome.bytes.len > 0
             && self.now_ns - since_ns <= BUSY_MAX_NS;
-        let enough = job.in_row >= self.retries && !storing;
-        if failure == Failure::Undecided || sure || enough {
+        let sure = failure.is_answer() && job.before.is_some_and(|before| failure.repeats(before));
+        let enough = (sure || job.in_row >= self.retries) && !storing;
+        if failure == Failure::Undecided || enough {
             job.outcome.failure = Some(failure);
             self.ended = Some(job.outcome);
             return;
@@ -748,6 +763,16 @@ impl Job {
 }
 
 impl Failure {
+    /// Whether it is the same once more, however long it took.
+    fn repeats(self, other: Failure) -> bool {
+        match (self, other) {
+            (Failure::Silent { address, .. }, Failure::Silent { address: other, .. }) => {
+                address == other
+            }
+            _ => self == other,
+        }
+    }
+
     /// The slaves' own answer. Seen twice in a row it is believed, as no bit of it is protected by a CRC.
     fn is_answer(&self) -> bool {
         matches!(
@@ -755,7 +780,9 @@ impl Failure {
             Failure::Unheard
                 | Failure::Absent { .. }
                 | Failure::Refused { .. }
+                | Failure::NotEchoed { .. }
+                | Failure::Silent { .. }
                 | Failure::Acknowledge { .. }
-        ) || matches!(self, Failure::Silent { .. })
+        )
     }
 }

@@ -274,7 +274,7 @@ impl<'a> Master<'a> {
         let init = Ask { at_ns: 0, clocks };
         self.link
             .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
-        self.seen = Some(Seen::Cut);
+        self.seen = Some(Seen::Cut { cdm: None });
         // The slave has counted that frame.
         self.tracker.lose_count();
         Ok(())
@@ -424,7 +424,9 @@ impl<'a> Master<'a> {
                 cds: head.cds,
                 cdm: sent(head.cds),
             },
-            _ => Seen::Cut,
+            _ => Seen::Cut {
+                cdm: self.trace.cdm.filter(|_| !self.trace.bits.is_empty()),
+            },
         }
     }
 
@@ -438,7 +440,9 @@ impl<'a> Master<'a> {
             Verdict::Doubtful(fault) => {
                 self.unsettled = true;
                 // Where the start bit is in doubt, so is CDS.
-                self.seen = Some(Seen::Cut);
+                self.seen = Some(Seen::Cut {
+                    cdm: self.trace.cdm,
+                });
                 Some(fault)
             }
         }

