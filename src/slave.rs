@@ -268,7 +268,8 @@ impl Slave {
         self.advance(t_ns);
         self.mo = level;
         if self.state == State::Idle {
-            self.rest(t_ns);
+            self.each_with_sli(Member::follow);
+            self.drive_nearest(t_ns);
         }
     }
 
@@ -343,14 +344,8 @@ impl Slave {
         }
         self.state = State::Idle;
         self.dead = false;
-        self.rest(at);
-    }
-
-    /// Everybody is ready whose SLI is.
-    fn rest(&mut self, t_ns: u64) {
         self.each_with_sli(Member::rest);
-        let level = self.members.last().is_none_or(|nearest| nearest.slo);
-        self.drive(t_ns, level);
+        self.drive_nearest(at);
     }
 
     /// From the far end on, as levels run.
@@ -403,6 +398,11 @@ impl Slave {
         if !self.mute {
             self.drive(t_ns, level);
         }
+    }
+
+    fn drive_nearest(&mut self, t_ns: u64) {
+        let level = self.members.last().is_none_or(|nearest| nearest.slo);
+        self.drive(t_ns, level);
     }
 
     /// The last SLO changes at `t_ns` and arrives later.

@@ -205,6 +205,66 @@ fn a_bus_is_read_like_one_encoder() {
     }
 }
 
+/// The whole of it against slaves that hear MO: their start comes a clock later for MO too, and SL = 1 when the slowest of
+/// timeout and MO has passed.
+#[test]
+fn slaves_on_a_bus_follow_mo() {
+    let mut rng = common::rng();
+    // Who is busy longer than MO takes starts when it would have without it.
+    let mut starts = [0; 2];
+    for _ in 0..common::size(150) {
+        let format = common::format(&mut rng);
+        let knobs = format!(
+            "slaves=each,busy=0us..{}us,delay={}ns,timeout={}ns,seed={},rpm=600",
+            rng.u32(..5),
+            rng.u32(..3_000),
+            rng.u32(3_000..40_000),
+            rng.u32(..)
+        );
+        let config = |sli: &str| format!("{knobs},sli={sli},frame={format}").parse().unwrap();
+        let hz = Hertz(rng.u32(250_000..10_000_000));
+        let mut traces = ["low", "mo"].map(|sli| {
+            let mut link = Bang::new(SimPins::new(config(sli)));
+            assert_eq!(link.pins_mut().has_mo(), sli == "mo");
+            let period_ns = 1_000_000_000 / link.set_clock(hz).unwrap().hz.0;
+            let protocol = BissC::new(format.parse().unwrap());
+            let mut ask = request(&protocol, period_ns);
+            ask.clocks.cdm = [true; 2];
+            let mut trace = Trace::default();
+            link.idle(40_000).unwrap();
+            link.cycles(&[ask], std::slice::from_mut(&mut trace))
+                .unwrap();
+            let level = link.idle(45_000).unwrap();
+            assert_eq!(level, Some(true), "{knobs}");
+            trace
+        });
+        let [low, mo] = &mut traces;
+        let bits = |trace: &Trace| trace.bits.to_string();
+        let start = |text: &str| {
+            let ack = text.find('0').unwrap();
+            ack + text[ack..].find('1').unwrap()
+        };
+        let (low_bits, mo_bits) = (bits(low), bits(mo));
+        let later = start(&mo_bits) - start(&low_bits);
+        assert!(later <= 1, "{knobs} {hz}\n{low_bits}\n{mo_bits}");
+        starts[later] += 1;
+        let words = low_bits.len() - start(&low_bits);
+        assert_eq!(
+            mo_bits[start(&mo_bits)..][..words],
+            low_bits[start(&low_bits)..]
+        );
+        // CDM = 1 was held until they were ready, which is never before MO is.
+        let ready = mo.ready_ns.unwrap();
+        assert!(u64::from(ready) >= TIMEOUT_MIN_NS, "{knobs}: {ready}");
+        // SL is looked at every half a microsecond.
+        assert!(low.ready_ns.unwrap() <= ready + 500, "{knobs}: {ready}");
+    }
+    assert!(
+        starts.iter().all(|count| *count > common::size(150) / 10),
+        "{starts:?}"
+    );
+}
+
 #[test]
 fn init_and_cycles_that_do_not_start_leave_mo_high() {
     let mut link = Bang::new(Bus::new("stuck=0,frame=st8,crc6", 100, true));

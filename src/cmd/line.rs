@@ -79,6 +79,7 @@ impl Line<'_> {
                 if let Some(frame) = self.link.frame.as_ref().or(self.frame) {
                     config.play(frame);
                 }
+                config.chain()?;
                 let mut link = link::sim::open(config);
                 link.set_clock(self.clock.unwrap_or(USUAL_CLOCK))?;
                 Box::new(link)

@@ -153,6 +153,7 @@ impl Bench<'_> {
             format: self.format().unwrap_or(config.format.clone()),
             ..config
         };
+        config.chain()?;
         let asked = self.args.clock.as_slice();
         let clocks = if asked.is_empty() { &CLOCKS } else { asked };
         let mut good = true;

@@ -134,9 +134,10 @@ impl Exchange {
     /// The command may be executed by what a slave takes from the next frame, should that not be whole: up to three
     /// bits, of which MA's level in a pause can be any.
     pub(super) fn may_have_executed(&self) -> bool {
-        match (self.stage, self.aim) {
-            (Stage::Execute | Stage::Addressed(6), _) => true,
-            (Stage::Header(15..), Aim::Command { slaves: 0, .. }) => true,
+        let broadcast = matches!(self.aim, Aim::Command { slaves: 0, .. });
+        match self.stage {
+            Stage::Execute | Stage::Addressed(6) => true,
+            Stage::Header(15..) => broadcast,
             _ => false,
         }
     }

@@ -169,6 +169,9 @@ impl FromStr for Spec {
                 ));
             }
         };
+        if let (Kind::Sim { config, .. }, Some(frame)) = (&kind, &frame) {
+            parser.shared_out(config, frame)?;
+        }
         Ok(Spec { kind, frame })
     }
 }
@@ -373,6 +376,19 @@ impl Parser<'_> {
         })
     }
 
+    /// Whether `slaves=` fits the frame behind it.
+    fn shared_out(&self, config: &Config, frame: &Frame) -> Result<(), ParseError> {
+        let mut config = config.clone();
+        config.format = frame.format.clone();
+        let error = match config.chain() {
+            Ok(_) => return Ok(()),
+            Err(error) => error,
+        };
+        let at = self.text.find("slaves=").unwrap_or_default();
+        let length = self.text[at..].find(',').unwrap_or(self.text.len() - at);
+        Err(error.about(self.text, at..at + length))
+    }
+
     fn file(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
         let mut items = items.into_iter();
         let path = items.next().ok_or_else(|| self.missing("a path"))?;
@@ -505,6 +521,13 @@ mod tests {
             ("sim:dellay=3us", 4..10, "no `dellay`"),
             ("sim:seed=1,delay=3", 17..18, "no unit"),
             ("sim:slow", 4..8, "no `slow`"),
+            (
+                "sim:seed=1,slaves=1:2,cds=0,frame=st8+st8",
+                11..21,
+                "have 3 channels, the frame has 2",
+            ),
+            ("sim:seed=1,slaves=1:x", 18..21, "does not fit `slaves`"),
+            ("sim:refuse=0x7F..0x80", 11..21, "0x00 to 0x7F"),
             ("sim:foo=1", 4..7, "fast"),
             ("sim:seed=1,seed=2", 11..17, "there already"),
             ("sim:motion=still,rpm=60", 21..23, "only with motion=speed"),

@@ -314,13 +314,13 @@ impl Config {
         }
         let text = counts.iter().map(usize::to_string).collect::<Vec<_>>();
         let text = text.join(":");
-        let what = format!("the slaves `{text}` do not share out {channels} channels");
+        let has: usize = counts.iter().sum();
         Err(ParseError::new(
             &text,
             0..text.len(),
-            what,
+            format!("the slaves `{text}` have {has} channels, the frame has {channels}"),
             format!(
-                "the frame is {}: so many channels, the nearest slave's first",
+                "give each channel of {} to a slave, the first to the nearest",
                 self.format
             ),
         ))

@@ -124,9 +124,14 @@ impl Device {
         };
     }
 
-    /// SLO when its timeout has passed, or SLI has changed since.
+    /// Its timeout has passed: it is ready when its SLI is.
     pub(super) fn rest(&mut self, sli: bool) {
-        self.slo |= self.first || sli;
+        self.slo = self.first || sli;
+    }
+
+    /// SLI moves while it rests. It has waited for a 1; a 0 means nothing before the next frame.
+    pub(super) fn follow(&mut self, sli: bool) {
+        self.slo |= sli;
     }
 
     /// CDM, which it reads when its timeout has passed. Returns what it read.
