@@ -131,15 +131,12 @@ struct Model {
 }
 
 /// Accesses of every kind; returns how many bytes were read and written.
-fn rounds<L: Link + HasSlave>(
+fn rounds<L: Link + HasSlave + Clone>(
     link: &mut L,
     rng: &mut fastrand::Rng,
     accesses: usize,
     model: &mut Model,
-) -> (u64, u64)
-where
-    L: Clone,
-{
+) -> (u64, u64) {
     let watch = link.clone();
     let (mut read, mut written) = (0, 0);
     with(link, |registers| {
