@@ -614,4 +614,20 @@ mod tests {
         assert_eq!(run(text), run(text));
         assert_ne!(run(text), run(&text.replace("seed=7", "seed=8")));
     }
+
+    #[test]
+    fn keeps_the_latest_events() {
+        let mut events = Events::default();
+        let event = |id| Event::Command {
+            id,
+            command: 0,
+            broadcast: true,
+        };
+        events.add(event(0));
+        events.wanted = true;
+        (1..=MOST_EVENTS + 2).for_each(|id| events.add(event(id)));
+        assert_eq!(events.log.len(), MOST_EVENTS);
+        assert_eq!(events.log.front(), Some(&event(3)));
+        assert_eq!(events.log.back(), Some(&event(MOST_EVENTS + 2)));
+    }
 }

@@ -78,6 +78,9 @@ fn a_frame_allocates_nothing() {
     let mut link = sim::open(config("delay=3.3us,busy=2us..6us,crc-error=5%"));
     link.set_clock(Hertz(2_000_000)).unwrap();
     assert_eq!(allocations(&mut link), 0, "edge by edge");
+    let mut link = sim::open(config("slaves=each,sli=mo,busy=2us..6us,crc-error=5%"));
+    link.set_clock(Hertz(2_000_000)).unwrap();
+    assert_eq!(allocations(&mut link), 0, "a chain");
     let bus = SimBus::new(config("delay=3.3us,crc-error=5%"), Controller::default());
     let mut link = Wave::new(bus, Options::default(), Some(Hertz(2_000_000))).unwrap();
     assert_eq!(allocations(&mut link), 0, "as a pattern");
