@@ -108,6 +108,8 @@ pub struct Slave {
     powered_up: bool,
     ma: bool,
     mo: bool,
+    /// Nothing happens by itself before then, if MA and MO stay as they are.
+    due_ns: u64,
     last_edge_ns: u64,
     first_fall_ns: u64,
     adaptive_ns: Option<u64>,
@@ -148,6 +150,7 @@ impl Slave {
             powered_up: !config.power_up_low,
             ma: true,
             mo: true,
+            due_ns: 0,
             last_edge_ns: 0,
             first_fall_ns: 0,
             adaptive_ns: None,
@@ -249,6 +252,7 @@ impl Slave {
                 self.first_fall_ns = t_ns;
                 self.adaptive_ns = None;
                 self.each_with_sli(Member::arm);
+                self.due_by(self.expiry());
             }
             (State::Armed, true) => self.latch(t_ns),
             (State::Frame(edge), true) => self.rise(t_ns, edge + 1),
@@ -264,6 +268,7 @@ impl Slave {
     }
 
     /// MO changes to `level` at `t_ns`, for a slave whose SLI is on it. Times must not go backwards.
+    #[cold]
     pub fn mo(&mut self, t_ns: u64, level: bool) {
         self.advance(t_ns);
         self.mo = level;
@@ -312,12 +317,25 @@ impl Slave {
         }
     }
 
+    /// Something happens then, or before.
+    fn due_by(&mut self, t_ns: Option<u64>) {
+        self.due_ns = self.due_ns.min(t_ns.unwrap_or(u64::MAX));
+    }
+
     fn advance(&mut self, t_ns: u64) {
+        if t_ns >= self.due_ns {
+            self.settle(t_ns);
+        }
+    }
+
+    #[inline(never)]
+    fn settle(&mut self, t_ns: u64) {
         self.present |= t_ns >= self.config.absent.0;
         while let Some(at) = self.expiry().filter(|at| *at <= t_ns) {
             self.expire(at);
         }
         self.line.advance(t_ns);
+        self.due_ns = self.next_change().unwrap_or(u64::MAX);
     }
 
     // Once a frame: kept out of what runs at every edge, as is the latch.
@@ -382,6 +400,7 @@ impl Slave {
                 _ => 0,
             };
             self.adaptive_ns = Some(t_ns - self.first_fall_ns + extra);
+            self.due_by(self.expiry());
         }
         if !self.powered_up {
             return;
@@ -409,6 +428,7 @@ impl Slave {
     fn drive(&mut self, t_ns: u64, level: bool) {
         if self.config.stuck.is_none() && self.powered_up {
             self.line.drive(t_ns, level, &self.config, &mut self.random);
+            self.due_by(self.line.next_change());
         }
     }
 }
