@@ -140,7 +140,8 @@ impl Slave {
         let mut members = Vec::with_capacity(counts.len());
         let mut end = channels;
         for (place, count) in counts.iter().rev().enumerate() {
-            members.push(Member::new(&config, place, end - count..end, level));
+            let slo = !config.power_up_low;
+            members.push(Member::new(&config, place, end - count..end, slo));
             end -= count;
         }
         Slave {

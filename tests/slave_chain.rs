@@ -254,6 +254,18 @@ fn a_cut_frame_leaves_nothing_behind() {
 }
 
 #[test]
+fn a_chain_powers_up_low_until_a_frame_has_passed() {
+    let knobs = "slaves=1:0:1,motion=still,pos=77,frame=st8,crc6+st8";
+    let mut usual = Wire::new(knobs);
+    let mut wire = Wire::new(&format!("power-up=low,{knobs}"));
+    assert!(!wire.slave.slo(wire.t_ns));
+    assert_eq!(wire.frame_of(2, false), "00");
+    assert!(wire.slave.slo(wire.t_ns));
+    assert_eq!(wire.frame(false), usual.frame(false));
+    assert_eq!(wire.read(2, 0x44, 4), Some((vec![0, 1, 0x86, 0xA3], false)));
+}
+
+#[test]
 fn slaves_that_do_not_share_out_the_channels_are_refused() {
     for (slaves, format, fits) in [
         ("1", "st8", true),

@@ -151,6 +151,32 @@ fn does_what_the_known_strings_say() {
     }
 }
 
+/// At the timeout of the frame that brings its last bit, and not before.
+#[test]
+fn acts_when_the_last_bit_is_there() {
+    // A byte with its CRC, EX to all, EX to one; S of a byte to be read.
+    for (index, last) in [(1, 30), (3, 44), (9, 17), (11, 24), (0, 18)] {
+        let (what, knobs, cdm, _) = STRINGS[index];
+        let mut wire = Wire::new(&format!("{knobs},frame=st12,nE,nW,crc6"));
+        wire.slave.record_events(true);
+        wire.reset();
+        wire.control(&cdm[..last]);
+        let before = wire.slave.events().count();
+        wire.clock(wire.clocks);
+        if cdm[last..].starts_with('1') {
+            wire.slave.ma(wire.t_ns, false);
+        }
+        let edge = match cdm[last..].starts_with('1') {
+            true => wire.t_ns,
+            false => wire.t_ns - wire.period_ns / 2,
+        };
+        wire.slave.slo(edge + 19_999);
+        assert_eq!(wire.slave.events().count(), before, "{what}");
+        wire.slave.slo(edge + 20_000);
+        assert_eq!(wire.slave.events().count(), before + 1, "{what}");
+    }
+}
+
 /// The published headers (TI motor-control-sdk; iC-Haus AN22) and what a hand can divide.
 #[test]
 fn this_master_divides_right() {
