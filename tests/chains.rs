@@ -800,7 +800,7 @@ fn a_pair_is_compared_in_recordings_too() {
 #[test]
 fn noise_in_a_chain_spoils_only_what_it_hits() {
     let chain = "st20,nE,nW,crc16+mt4,st12,crc16+pos9,data7=temp,E,crc16";
-    let noise = format!("read sim:motion=count,pos=5,flip=0.4%,seed=8,frame={chain} -n 300");
+    let noise = format!("read sim:rpm=60000,flip=0.4%,seed=8,frame={chain} -n 300");
     let (stdout, stderr, status) = run(&format!("{noise} -o json"));
     assert_eq!(status, Some(1));
     let records = json(&stdout);
@@ -826,10 +826,13 @@ fn noise_in_a_chain_spoils_only_what_it_hits() {
             assert_eq!(record["t_ns"], frame[0]["t_ns"]);
             assert_eq!(record.get("pos").is_some(), record["ok"] == true);
         }
-        // Each shows the number of frames so far, in its own width.
+        // Each shows the same angle, in its own width.
         let pos: BTreeSet<u64> = good
             .iter()
-            .map(|record| record["pos"].as_u64().unwrap() % 512)
+            .map(|record| {
+                let finer = [20 - 9, 12 - 9, 0][record["ch"].as_u64().unwrap() as usize];
+                record["pos"].as_u64().unwrap() >> finer
+            })
             .collect();
         assert!(pos.len() <= 1, "{frame:?}");
     }
