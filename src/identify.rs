@@ -146,7 +146,7 @@ pub fn prove(
     for candidate in candidates {
         let twin = candidates[..trials.len()]
             .iter()
-            .position(|before| same_bits(&before.format, &candidate.format));
+            .position(|before| same_trial(&before.format, &candidate.format));
         trials.push(match twin {
             Some(twin) => trials[twin],
             None => attempt(link, &candidate.format, protocol, stop, FRAMES)?,
@@ -159,7 +159,7 @@ pub fn prove(
             let format = &candidates[index].format;
             let more = attempt(link, format, protocol, stop, MORE_FRAMES)?;
             for (trial, candidate) in trials.iter_mut().zip(candidates) {
-                if same_bits(&candidate.format, format) {
+                if same_trial(&candidate.format, format) {
                     *trial = more;
                 }
             }
@@ -168,8 +168,8 @@ pub fn prove(
     Ok(trials)
 }
 
-/// The formats that pass, one for each way to cut the frame into channels and CRCs: what the fields in a channel mean no
-/// frame can tell, so the likeliest stands for all.
+/// The formats that pass, the first one for each way to cut the frame into channels and CRCs: what the fields in a channel
+/// mean no frame can tell, so the likeliest stands for all.
 pub fn different(candidates: &[Candidate], trials: &[Option<Trial>]) -> Vec<usize> {
     let mut found: Vec<usize> = Vec::new();
     for (index, trial) in trials.iter().enumerate() {
@@ -183,19 +183,27 @@ pub fn different(candidates: &[Candidate], trials: &[Option<Trial>]) -> Vec<usiz
     found
 }
 
-/// Whether no frame can tell two formats apart.
+/// Whether two formats are the same but for what fields mean.
 fn same_bits(a: &Format, b: &Format) -> bool {
     let bits = |channel: &Channel| (channel.data_bits(), channel.crc().cloned());
+    a.channels()
+        .iter()
+        .map(bits)
+        .eq(b.channels().iter().map(bits))
+}
+
+/// Whether no frame can tell two formats apart: it can where one has a sign of life, which has to count.
+fn same_trial(a: &Format, b: &Format) -> bool {
     let life = |channel: &Channel| {
         channel
             .find(|kind| *kind == crate::format::Kind::Life)
             .cloned()
     };
-    a.channels().len() == b.channels().len()
+    same_bits(a, b)
         && a.channels()
             .iter()
-            .zip(b.channels())
-            .all(|(a, b)| bits(a) == bits(b) && life(a) == life(b))
+            .map(life)
+            .eq(b.channels().iter().map(life))
 }
 
 fn attempt(

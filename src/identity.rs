@@ -33,7 +33,7 @@ mod profile;
 
 pub use candidates::{Candidate, MAX_CANDIDATES, candidates, readings, unexplained, wide_readings};
 pub use device::{BankSelect, Device, DeviceId, EdsBank, Manufacturer, Profile, Serial};
-pub use eds::{CHANNELS, Eds, EdsChannel, NO_UNIT};
+pub use eds::{CHANNELS, Eds, EdsChannel, NO_UNIT, NOT_USED};
 pub use map::{Cell, Cells, Direct, Field, Window};
 pub use profile::{Encoder, ProfileEds};
 
@@ -230,7 +230,11 @@ fn hint(field: &Field) -> Option<Limit> {
         "BUSY_S",
         "PON_DLY",
     ];
-    let value = field.value.filter(|_| named.contains(&field.name))?;
+    // 0 is no limit where nobody knows of what.
+    let said = |value: &u64| *value > 0 || field.doubt.is_none();
+    let value = field
+        .value
+        .filter(|value| said(value) && named.contains(&field.name))?;
     let value = match field.name {
         "BUSY_S" => format!("{value} clocks"),
         _ => value.to_string(),

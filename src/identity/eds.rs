@@ -11,6 +11,9 @@ pub const CHANNELS: usize = 8;
 /// Said where a number has no published unit.
 pub const NO_UNIT: &str = "unit not published";
 
+/// Said of the fields of channels that the device does not have.
+pub const NOT_USED: &str = "not used";
+
 /// A decoded EDS.
 ///
 /// ```
@@ -262,7 +265,7 @@ fn slot_fields(window: &Window, slot: u8, used: bool) -> [Field; 4] {
             }
             let empty = matches!(number, 0x00 | 0xFF);
             let doubt = (!empty).then_some("beyond DC_NUM");
-            ("not used".into(), doubt)
+            (NOT_USED.into(), doubt)
         })
     };
     [

@@ -66,6 +66,10 @@ fn eds(channels: &[Channel], user: [u8; 2], busy_clocks: u8, profiles: u8) -> Ve
     common[0x0D] = busy_clocks;
     // Channels; IDs of the device; which of them this is.
     common[0x10..0x13].copy_from_slice(&[channels.len() as u8, 1, 0]);
+    if channels.is_empty() {
+        // What has an ID and no channel is a bus coupler.
+        common[0x34] = 0x10;
+    }
     let mut banks = Vec::new();
     for ((number, channel), place) in (profiles..)
         .zip(channels)
@@ -149,7 +153,8 @@ fn profile(channel: &Channel) -> [u8; 2] {
         // The version is that of the iC-MHM.
         Some(0x43) if encoder && !life => [0x62, bits],
         Some(0x190D9) if encoder && life => [0x72, bits],
-        Some(0x25) if bits < 32 => [bits, 0],
+        // The universal profile, of a channel that is no encoder's.
+        Some(0x25) if !encoder && bits < 32 => [bits, 0],
         _ => [0; 2],
     }
 }
