@@ -28,6 +28,8 @@ complete -c biss -n "__fish_biss_needs_command" -s h -l help -d 'Print help'
 complete -c biss -n "__fish_biss_needs_command" -s V -l version -d 'Print version'
 complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
 complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_needs_command" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
+complete -c biss -n "__fish_biss_needs_command" -f -a "command" -d 'Tell slaves to do something'
 complete -c biss -n "__fish_biss_needs_command" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
 complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
@@ -73,6 +75,121 @@ complete -c biss -n "__fish_biss_using_subcommand read" -l reverse -d 'Count aga
 complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No summary and no notes on stderr'
 complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs; add bits to records'
 complete -c biss -n "__fish_biss_using_subcommand read" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -f -a "read" -d 'Read registers, one record each'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -f -a "write" -d 'Write registers in this order, and read them back: one record each with the old and the new value'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -f -a "dump" -d 'All registers as a table: hexadecimal and ASCII, -- is refused, XX could not be read'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -f -a "save" -d 'Save 0x00 to 0x3f of a bank, or of several, in a file that load takes'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -f -a "load" -d 'Write what differs from a saved file, and read everything back'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l unchecked -d 'Do not read them back: for registers that do not keep what is written'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s w -l write -d 'The file, - for standard output; what is there is replaced once all is read' -r -F
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l dry-run -d 'Only show what differs'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l force -d 'Though the file was saved from another kind of device'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand command" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l slave -d 'For these slaves: ID 0 is the one farthest away' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -s o -l format -d 'How the record looks' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand command" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand command" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand command" -l broadcast -d 'For all slaves, none of which acknowledges it'
+complete -c biss -n "__fish_biss_using_subcommand command" -l unchecked -d 'Execute whoever acknowledges it'
+complete -c biss -n "__fish_biss_using_subcommand command" -l reduced -d 'In frames of two clocks, which slaves understand whose data channels are off'
+complete -c biss -n "__fish_biss_using_subcommand command" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -94,15 +211,28 @@ complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time 
 complete -c biss -n "__fish_biss_using_subcommand loopback" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s q -l quiet -d 'No summary on stderr'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "command" -d 'Tell slaves to do something'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "read" -d 'Read registers, one record each'
+complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "write" -d 'Write registers in this order, and read them back: one record each with the old and the new value'
+complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "dump" -d 'All registers as a table: hexadecimal and ASCII, -- is refused, XX could not be read'
+complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "save" -d 'Save 0x00 to 0x3f of a bank, or of several, in a file that load takes'
+complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "load" -d 'Write what differs from a saved file, and read everything back'
 complete -c biss -n "__fish_biss_using_subcommand read" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
 file:\t'VCD recording, - for standard input'"
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -a "gpio:\t'two GPIO lines'
+wave:\t'spidev: MOSI is MA, MISO is SLO'
+sim\t'simulated encoder'"
+complete -c biss -n "__fish_biss_using_subcommand command" -a "gpio:\t'two GPIO lines'
+wave:\t'spidev: MOSI is MA, MISO is SLO'
+sim\t'simulated encoder'"
 complete -c biss -n "__fish_biss_using_subcommand loopback" -a "sim\t'in process: every link’s way to clock, against the simulated slave'
 gpio:\t'jumpers from MA to ma-in and from slo-out to SLO'
 wave:\t'a jumper from MOSI to MISO: every bit must come back'"

@@ -1,6 +1,7 @@
 //! The command line as clap sees it. `cmd` turns it into checked values.
 
 use biss::ParseError;
+use biss::control::RETRIES;
 use biss::frame::Stall;
 use biss::link::Spec;
 use biss::place::Zero;
@@ -25,9 +26,11 @@ pub(crate) fn command() -> clap::Command {
     let mut command = Cli::command();
     for (arg, variable) in [("link", LINK_VARIABLE), ("frame", FRAME_VARIABLE)] {
         if env::var_os(variable).is_some_and(|value| value.is_empty()) {
-            command = command.mut_subcommand("read", |read| {
-                read.mut_arg(arg, |arg| arg.env(Resettable::Reset))
-            });
+            let unset = |known: clap::Arg| match known.get_id() == arg {
+                true => known.env(Resettable::Reset),
+                false => known,
+            };
+            command = command.mut_subcommands(|verb| verb.mut_args(unset));
         }
     }
     command
@@ -67,6 +70,14 @@ pub(crate) enum Command {
     /// Read frames and print them, one record a line
     #[command(after_help = READ_HELP)]
     Read(Box<Read>),
+
+    /// Registers of the slaves: read, write, dump, save, load
+    #[command(before_help = reg::REG_WARNING, after_help = reg::REG_HELP)]
+    Reg(Box<Reg>),
+
+    /// Tell slaves to do something
+    #[command(name = "command", before_help = reg::COMMAND_WARNING, after_help = reg::COMMAND_HELP)]
+    Send(Box<reg::Send>),
 
     /// What this machine offers, what is missing, and what helps
     #[command(after_help = LIST_HELP)]
@@ -306,6 +317,50 @@ pub(crate) enum ColorWhen {
     Never,
 }
 
+/// The way to an encoder that is talked to, for all commands that talk registers.
+#[derive(Debug, Args)]
+pub(crate) struct Wire {
+    /// Where the encoder is
+    #[arg(env = LINK_VARIABLE, hide_env_values = true)]
+    pub(crate) link: Spec,
+
+    /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
+    #[arg(short, long, value_name = "FREQ")]
+    pub(crate) clock: Option<Hertz>,
+
+    /// The slave's timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]
+    #[arg(long, value_name = "MIN[..MAX]|adaptive")]
+    pub(crate) timeout: Option<Timeout>,
+
+    /// How long Ack is searched, eight clocks at least
+    #[arg(long, value_name = "TIME", default_value = "40us")]
+    pub(crate) ack_limit: Nanos,
+
+    /// How long the start bit is searched, eight clocks at least
+    #[arg(long, value_name = "TIME", default_value = "40us")]
+    pub(crate) busy_limit: Nanos,
+
+    /// Control frames without progress that are repeated
+    #[arg(long, value_name = "N", default_value_t = RETRIES)]
+    pub(crate) retries: u32,
+
+    /// Real-time priority (SCHED_FIFO), memory locked
+    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
+    pub(crate) rt: Option<u8>,
+
+    /// Run on this processor only
+    #[arg(long, value_name = "N")]
+    pub(crate) cpu: Option<usize>,
+
+    /// No summary and no notes on stderr
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+
+    /// Say how the link runs, and what it took
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+}
+
 /// `--timeout`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Timeout {
@@ -342,6 +397,9 @@ impl FromStr for Timeout {
         })
     }
 }
+
+mod reg;
+pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
 
 #[cfg(test)]
 mod generated;

@@ -1,14 +1,24 @@
 //! The verbs.
 
 mod asked;
+mod bank;
+pub(crate) mod command;
 mod counting;
 mod line;
 pub(crate) mod list;
 pub(crate) mod loopback;
 pub(crate) mod read;
+pub(crate) mod reg;
+mod saved;
+mod session;
+mod talk;
 
+use crate::cli::{self, ReportFormat};
+use crate::output::answer;
+use crate::output::reg::Effort;
 use crate::sys;
 use anyhow::{Result, anyhow};
+use std::io::ErrorKind;
 
 /// How a command ended, as the shell sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +34,24 @@ pub(crate) enum Outcome {
 pub(crate) struct Ended {
     pub(crate) outcome: Outcome,
     pub(crate) signal: Option<i32>,
+}
+
+/// Writes records. Whoever reads may have enough.
+fn deliver(text: &str) -> Result<()> {
+    match answer(text) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(anyhow!(
+            "writing records: {error}\n  make room, or write elsewhere"
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// What it took, where somebody wants to know it, or ought to.
+fn sum_up(wire: &cli::Wire, format: ReportFormat, effort: Option<Effort>, answered: bool) {
+    let tells = |effort: &Effort| wire.verbose || answered && effort.is_uneven();
+    if let Some(effort) = effort.filter(|effort| !wire.quiet && tells(effort)) {
+        effort.print(format);
+    }
 }
 
 /// Where and how urgently this process runs.

@@ -773,6 +773,47 @@ impl Failure {
         }
     }
 
+    /// Its name in every output.
+    pub fn name(&self) -> &'static str {
+        let index = match self {
+            Failure::Unheard => 0,
+            Failure::Absent { .. } => 1,
+            Failure::Garbled { .. } => 2,
+            Failure::Refused { .. } => 3,
+            Failure::NoReaction { .. } => 4,
+            Failure::Strange { .. } => 5,
+            Failure::NotEchoed { .. } => 6,
+            Failure::Silent { .. } => 7,
+            Failure::DataCrc { .. } => 8,
+            Failure::Echo { .. } => 9,
+            Failure::Acknowledge { .. } => 10,
+            Failure::Cut => 11,
+            Failure::ReadBack { .. } => 12,
+            Failure::Unsteady { .. } => 13,
+            Failure::Undecided => 14,
+        };
+        Failure::NAMES[index]
+    }
+
+    /// All names.
+    pub const NAMES: [&'static str; 15] = [
+        "unheard",
+        "absent",
+        "garbled",
+        "refused",
+        "no-reaction",
+        "strange",
+        "not-echoed",
+        "silent",
+        "data-crc",
+        "echo",
+        "acknowledge",
+        "cut",
+        "read-back",
+        "unsteady",
+        "undecided",
+    ];
+
     /// The slaves' own answer. Seen twice in a row it is believed, as no bit of it is protected by a CRC.
     fn is_answer(&self) -> bool {
         matches!(

@@ -4,6 +4,7 @@ mod columns;
 mod json;
 pub(crate) mod list;
 pub(crate) mod loopback;
+pub(crate) mod reg;
 mod summary;
 mod text;
 

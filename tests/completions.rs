@@ -27,8 +27,13 @@ fn said(shell: &str, args: &[&str], script: &str) -> Option<String> {
 }
 
 /// What is typed, and the words that are offered for the last of it.
-const TYPED: [(&str, &[&str]); 7] = [
-    ("biss re", &["read"]),
+const TYPED: [(&str, &[&str]); 12] = [
+    ("biss re", &["read", "reg"]),
+    ("biss reg wa", &["wave:"]),
+    ("biss reg sim re", &["read"]),
+    ("biss reg sim load --dr", &["--dry-run"]),
+    ("biss reg sim dump -o ", &["json", "text"]),
+    ("biss command wa", &["wave:"]),
     ("biss read wa", &["wave:"]),
     ("biss read sp", &["spi:"]),
     ("biss read spi:0.0 -o ", &["csv", "json", "text"]),

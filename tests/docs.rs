@@ -418,9 +418,15 @@ fn check_hardware(command: &str, verbs: &[Verb]) -> Result<bool, String> {
     let verb = verbs.iter().find(|verb| verb.name == *name);
     let help = &verb.ok_or(format!("biss has no verb `{name}`"))?.help;
     let mut link = variable("BISS_LINK=").map(str::to_owned);
+    let usage = help.lines().find(|line| line.starts_with("Usage:"));
+    let usage = usage.unwrap_or_default();
+    let takes_more = !usage.trim_end().ends_with("LINK>") && !usage.trim_end().ends_with("[LINK]");
     while let Some(word) = rest.next() {
         if !word.starts_with('-') {
-            link = Some(word.clone());
+            // What comes behind it is for verbs that take more than a link.
+            if link.is_none() || !takes_more {
+                link = Some(word.clone());
+            }
             continue;
         }
         if !help.split([' ', ',', '\n']).any(|known| known == word) {
@@ -433,8 +439,6 @@ fn check_hardware(command: &str, verbs: &[Verb]) -> Result<bool, String> {
             value_fits(rest.next().map_or("", String::as_str))?;
         }
     }
-    let usage = help.lines().find(|line| line.starts_with("Usage:"));
-    let usage = usage.unwrap_or_default();
     match link {
         Some(link) if usage.contains("LINK") => parses::<Spec>(&link)?,
         Some(word) => return Err(format!("`biss {name}` takes no {word}")),

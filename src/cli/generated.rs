@@ -129,24 +129,35 @@ fn hinted(arg: Arg) -> Arg {
             let named = presets.map(|preset| PossibleValue::new(preset.name).help(preset.about));
             arg.value_parser(PossibleValuesParser::new(named))
         }
-        _ if arg.get_possible_values().is_empty() && arg.get_action().takes_values() => {
+        _ if arg.get_value_hint() == ValueHint::Unknown
+            && arg.get_possible_values().is_empty()
+            && arg.get_action().takes_values() =>
+        {
             arg.value_hint(ValueHint::Other)
         }
         _ => arg,
     }
 }
 
+fn all_hinted(verb: Command) -> Command {
+    verb.mut_args(hinted).mut_subcommands(all_hinted)
+}
+
 fn completions(shell: Shell) -> String {
     let mut command = Cli::command();
     for verb in verbs() {
-        command = command.mut_subcommand(verb.get_name(), |verb| verb.mut_args(hinted));
+        command = command.mut_subcommand(verb.get_name(), all_hinted);
     }
     for verb in verbs_with_links() {
         // clap wants words that live as long as the program does.
         let words = links(&verb).into_iter().map(|(link, _)| &*link.leak());
         let words = PossibleValuesParser::new(words.collect::<Vec<_>>());
+        // Not mut_arg, which puts it behind the others.
         command = command.mut_subcommand(verb.get_name(), |verb| {
-            verb.mut_arg("link", |link| link.value_parser(words))
+            verb.mut_args(|arg| match arg.get_id() == "link" {
+                true => arg.value_parser(words.clone()),
+                false => arg,
+            })
         });
     }
     let mut script = Vec::new();
@@ -222,7 +233,14 @@ fn fish(script: &str) -> String {
             .iter()
             .map(|(link, about)| format!("{link}\\t'{about}'"));
         let links = links.collect::<Vec<_>>().join("\n");
-        let condition = format!("__fish_biss_using_subcommand {}", verb.get_name());
+        let mut condition = format!("__fish_biss_using_subcommand {}", verb.get_name());
+        let below: Vec<&str> = verb.get_subcommands().map(Command::get_name).collect();
+        if !below.is_empty() {
+            condition += &format!("; and not __fish_seen_subcommand_from {}", below.join(" "));
+            // A verb is no file.
+            let old = format!("\"{condition}\" -a ");
+            script = replace(&script, &old, &format!("\"{condition}\" -f -a "));
+        }
         script.push_str(&format!(
             "complete -c biss -n \"{condition}\" -a \"{links}\"\n"
         ));
@@ -366,6 +384,10 @@ fn man_page() -> String {
     for verb in &mut verbs {
         page.control("SH", &[&format!("BISS {}", verb.get_name().to_uppercase())]);
         usage(&mut page, verb);
+        if let Some(warning) = verb.get_before_help() {
+            page.paragraph(&warning.to_string());
+        }
+        below(&mut page, verb);
         page.options(verb, "SS");
         let help = help_below(verb);
         for section in sections(&help) {
@@ -387,6 +409,39 @@ fn usage(page: &mut Page, verb: &mut Command) {
     let rest = rest.trim_start().trim_start_matches(name);
     page.control("PP", &[]);
     page.text(vec![bold(format!("{program} {name}")), roman(rest)]);
+}
+
+/// The verbs of a verb, with what only they take.
+fn below(page: &mut Page, verb: &Command) {
+    for sub in verb.get_subcommands() {
+        let name = format!("biss {} LINK {}", verb.get_name(), sub.get_name());
+        page.control("SS", &[&name]);
+        let about = sub.get_about().map(ToString::to_string);
+        page.paragraph(&about.unwrap_or_default());
+        for arg in own(verb, sub) {
+            let about = arg.get_help().map(ToString::to_string);
+            page.item(bold(spelt(arg)), &about.unwrap_or_default());
+        }
+    }
+}
+
+/// What a verb of a verb takes that its parent does not.
+fn own<'a>(verb: &'a Command, sub: &'a Command) -> impl Iterator<Item = &'a Arg> {
+    let known = |arg: &&Arg| {
+        verb.get_arguments()
+            .any(|other| other.get_id() == arg.get_id())
+    };
+    sub.get_arguments().filter(move |arg| !known(arg))
+}
+
+/// `-w, --write FILE`, or what a positional argument is called.
+fn spelt(arg: &Arg) -> String {
+    let values = arg.get_value_names().unwrap_or_default().join(" ");
+    let values = Some(values).filter(|_| arg.get_action().takes_values());
+    let short = arg.get_short().map(|short| format!("-{short},"));
+    let long = arg.get_long().map(|long| format!("--{long}"));
+    let words: Vec<String> = [short, long, values].into_iter().flatten().collect();
+    words.join(" ")
 }
 
 fn ending(page: &mut Page, command: &Command, verbs: &[Command]) {
@@ -499,6 +554,20 @@ fn the_man_page_has_everything_that_help_has() {
                 assert!(page.contains(&format!("--{long}")), "{long}");
             }
         }
+        for sub in verb.get_subcommands() {
+            let about = sub.get_about().map(ToString::to_string);
+            assert!(page.contains(&shown(&about.unwrap_or_default())), "{sub}");
+            for arg in own(&verb, sub) {
+                let about = arg.get_help().map(ToString::to_string);
+                assert!(page.contains(&shown(&about.unwrap_or_default())), "{arg}");
+                assert!(page.contains(&shown(&spelt(arg))), "{arg}");
+            }
+        }
+        let warning = verb.get_before_help().map(ToString::to_string);
+        assert!(
+            page.contains(&shown(&warning.unwrap_or_default())),
+            "{verb}"
+        );
         let help = help_below(&verb);
         for part in help.lines().flat_map(|line| line.trim().split("  ")) {
             assert!(page.contains(&shown(part.trim_end_matches(':'))), "{part}");

@@ -6,7 +6,8 @@ use crate::sys::{self, Signals};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
 use biss::frame::{BissC, Stall};
-use biss::link::{self, Kind, Link, Spec};
+use biss::limits;
+use biss::link::{self, Clock, Kind, Link, Spec};
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
 
@@ -129,4 +130,25 @@ impl Line<'_> {
         }
         protocol
     }
+}
+
+/// That the clock is not the one that was asked for.
+pub(super) fn unreached(clock: Clock, asked: Option<Hertz>) -> Option<String> {
+    let asked = asked.filter(|asked| clock.hz.0 < asked.0 - asked.0 / 10)?;
+    Some(format!(
+        "MA runs at {clock}: {asked} is more than this link can do"
+    ))
+}
+
+/// That the clock is slower than a slave has to bear.
+pub(super) fn too_slow(clock: Clock) -> Option<String> {
+    (clock.hz.0 < limits::CLOCK_MIN_HZ)
+        .then(|| format!("MA runs at {clock}, below the 80 kHz that BiSS-C asks for"))
+}
+
+/// That the clock alone makes frames count as stalled, where nobody has said how long the slave waits.
+pub(super) fn stalls(clock: Clock) -> Option<&'static str> {
+    (clock.hz.period_ns() >= limits::LEVEL_MAX_NS).then_some(
+        "a clock takes 12 us or more, as long as some slaves wait: frames count as stalled unless --timeout says more",
+    )
 }

@@ -2,19 +2,18 @@
 
 use super::asked::{check, choose_frame, fill_in, look, slower, warn_outside};
 use super::counting::Counting;
-use super::line::Line;
+use super::line::{self, Line};
 use super::{Ended, Outcome, schedule};
 use crate::cli;
 use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::Signals;
 use anyhow::{Result, anyhow};
 use biss::frame::{BissC, Stall};
-use biss::limits;
 use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
 use biss::preset::Preset;
 use biss::trace::{Cut, Trace};
-use biss::unit::{Hertz, Nanos};
+use biss::unit::Nanos;
 use std::cell::RefCell;
 use std::io;
 use std::rc::Rc;
@@ -168,27 +167,17 @@ impl Run<'_> {
             return Ok(());
         }
         let clock = master.link().clock();
-        let asked = self.args.clock.unwrap_or(Hertz(0));
-        if clock.hz.0 < asked.0 - asked.0 / 10 {
-            note(format_args!(
-                "MA runs at {clock}: {asked} is more than this link can do"
-            ));
-        }
-        if clock.hz.0 < limits::CLOCK_MIN_HZ {
-            note(format_args!(
-                "MA runs at {clock}, below the 80 kHz that BiSS-C asks for"
-            ));
-        } else {
-            let outside = self
-                .preset
-                .and_then(|preset| slower(preset, self.args.clock, clock.hz));
-            outside.iter().for_each(note);
-        }
+        line::unreached(clock, self.args.clock)
+            .iter()
+            .for_each(note);
+        let outside = || {
+            self.preset
+                .and_then(|preset| slower(preset, self.args.clock, clock.hz))
+        };
+        line::too_slow(clock).or_else(outside).iter().for_each(note);
         if master.link().caps().times_levels && self.protocol.stall == Stall::Unknown {
-            if clock.hz.period_ns() >= limits::LEVEL_MAX_NS {
-                note(
-                    "a clock takes 12 us or more, as long as some slaves wait: frames count as stalled unless --timeout says more",
-                );
+            if let Some(stalls) = line::stalls(clock) {
+                note(stalls);
             } else if self.args.verbose {
                 const LIMITS: &str =
                     "no MA level may exceed 12 us, two clocks and its adaptive timeout";
