@@ -30,13 +30,14 @@ complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machi
 complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
 complete -c biss -n "__fish_biss_needs_command" -f -a "command" -d 'Tell slaves to do something'
+complete -c biss -n "__fish_biss_needs_command" -f -a "info" -d 'Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows'
 complete -c biss -n "__fish_biss_needs_command" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
 complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, and all about presets; JSON has everything anyway'
 complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
+complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves\' registers say' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
 lenz-irs\t'Lenz IRS and SAB, inductive ring, 24 bit'
@@ -47,7 +48,8 @@ resolute-18\t'Renishaw RESOLUTE, optical, 18 bit'
 resolute-26\t'Renishaw RESOLUTE, optical, 26 bit'
 resolute-32\t'Renishaw RESOLUTE, optical, 32 bit'
 resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
-siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'"
+siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'
+auto\t'what the slaves\' registers say'"
 complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
@@ -190,6 +192,19 @@ complete -c biss -n "__fish_biss_using_subcommand command" -l broadcast -d 'For 
 complete -c biss -n "__fish_biss_using_subcommand command" -l unchecked -d 'Execute whoever acknowledges it'
 complete -c biss -n "__fish_biss_using_subcommand command" -l reduced -d 'In frames of two clocks, which slaves understand whose data channels are off'
 complete -c biss -n "__fish_biss_using_subcommand command" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand info" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l retries -d 'Control frames without progress that are repeated' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand info" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand info" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand info" -l no-write -d 'Do not even select a bank: what is in others is left out'
+complete -c biss -n "__fish_biss_using_subcommand info" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -211,12 +226,13 @@ complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time 
 complete -c biss -n "__fish_biss_using_subcommand loopback" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s q -l quiet -d 'No summary on stderr'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "command" -d 'Tell slaves to do something'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "command" -d 'Tell slaves to do something'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "info" -d 'Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read reg command info loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "read" -d 'Read registers, one record each'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "write" -d 'Write registers in this order, and read them back: one record each with the old and the new value'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "dump" -d 'All registers as a table: hexadecimal and ASCII, -- is refused, XX could not be read'
@@ -231,6 +247,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subco
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'"
 complete -c biss -n "__fish_biss_using_subcommand command" -a "gpio:\t'two GPIO lines'
+wave:\t'spidev: MOSI is MA, MISO is SLO'
+sim\t'simulated encoder'"
+complete -c biss -n "__fish_biss_using_subcommand info" -a "gpio:\t'two GPIO lines'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'"
 complete -c biss -n "__fish_biss_using_subcommand loopback" -a "sim\t'in process: every link’s way to clock, against the simulated slave'

@@ -79,6 +79,10 @@ pub(crate) enum Command {
     #[command(name = "command", before_help = reg::COMMAND_WARNING, after_help = reg::COMMAND_HELP)]
     Send(Box<reg::Send>),
 
+    /// Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows
+    #[command(after_help = INFO_HELP)]
+    Info(Box<Info>),
+
     /// What this machine offers, what is missing, and what helps
     #[command(after_help = LIST_HELP)]
     List(List),
@@ -104,6 +108,7 @@ Frame format, in wire order after CDS, channels joined by +:
 
 Presets, in the place of a format, bring the encoder's own limits along:
   resolute-26, lenz-irs, siko-msa213c and more: biss list shows them
+  auto asks the slaves' registers, selects banks for that and restores them, and lets live frames decide.
 
 Exit status:
   0  every frame asked for was good and without error bit
@@ -116,15 +121,15 @@ pub(crate) struct Read {
     #[arg(env = LINK_VARIABLE, hide_env_values = true)]
     pub(crate) link: Spec,
 
-    /// Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset
+    /// Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves' registers say
     #[arg(
         short,
         long,
-        value_name = "FORMAT|PRESET",
+        value_name = "FORMAT|PRESET|auto",
         env = FRAME_VARIABLE,
         hide_env_values = true
     )]
-    pub(crate) frame: Option<Frame>,
+    pub(crate) frame: Option<Wanted>,
 
     /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
     #[arg(short, long, value_name = "FREQ")]
@@ -201,6 +206,41 @@ pub(crate) struct Read {
     /// Colours in text output
     #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
     pub(crate) color: ColorWhen,
+}
+
+const INFO_HELP: &str = "\
+The slaves' registers say who they are and suggest frame formats; live frames decide between them. What no published
+document explains, or what does not fit together, is marked with a question mark.
+
+Nothing is written but the bank selection, and that is restored.
+
+Links:
+  gpio:[CHIP,]ma=LINE,slo=LINE  two GPIO lines
+  wave:BUS.CS[,oversample=N]    spidev: MOSI is MA, MISO is SLO
+  sim[:KEY=VAL,…]               simulated encoder
+  With SCLK as MA (spi) slaves cannot be asked anything.
+
+Examples:
+  biss info sim                who the simulated encoder is
+  biss read sim -f auto -n 5   its frames, of the format that follows
+
+Exit status:
+  0  every slave was read; the frame is known, or the slaves do not describe it
+  1  registers could not be read, or frames contradict them
+  2  usage or machine";
+
+#[derive(Debug, Args)]
+pub(crate) struct Info {
+    #[command(flatten)]
+    pub(crate) wire: Wire,
+
+    /// Do not even select a bank: what is in others is left out
+    #[arg(long)]
+    pub(crate) no_write: bool,
+
+    /// How it is told
+    #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]
+    pub(crate) format: ReportFormat,
 }
 
 const LOOPBACK_HELP: &str = "\
@@ -359,6 +399,26 @@ pub(crate) struct Wire {
     /// Say how the link runs, and what it took
     #[arg(short, long)]
     pub(crate) verbose: bool,
+}
+
+/// `--frame`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Wanted {
+    /// The slaves' registers shall say it.
+    Auto,
+    /// As it was written down.
+    Given(Frame),
+}
+
+impl FromStr for Wanted {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Wanted, ParseError> {
+        match text {
+            "auto" => Ok(Wanted::Auto),
+            _ => text.parse().map(Wanted::Given),
+        }
+    }
 }
 
 /// `--timeout`.

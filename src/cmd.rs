@@ -1,9 +1,11 @@
 //! The verbs.
 
 mod asked;
+mod auto;
 mod bank;
 pub(crate) mod command;
 mod counting;
+pub(crate) mod info;
 mod line;
 pub(crate) mod list;
 pub(crate) mod loopback;

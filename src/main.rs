@@ -37,6 +37,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
         .is_some_and(|read| read.value_source("frame") == Some(ValueSource::CommandLine));
     let result = match cli.command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
+        cli::Command::Info(args) => cmd::info::run(&args),
         cli::Command::Reg(args) => cmd::reg::run(*args),
         cli::Command::Send(args) => cmd::command::run(*args),
         cli::Command::List(args) => cmd::list::run(args),

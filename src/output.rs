@@ -1,6 +1,7 @@
 //! Records on stdout, everything else on stderr. The only place that prints.
 
 mod columns;
+pub(crate) mod info;
 mod json;
 pub(crate) mod list;
 pub(crate) mod loopback;
@@ -417,7 +418,7 @@ mod tests {
             &[5],
             &[0],
             &[[
-                "slave 0  pos 5  ",
+                "pos 5  ",
                 r#"{"type":"frame","seq":7,"slave":0,"ok":true,"pos":5,"#,
                 "seq,slave,ok 7,0,true,5,",
             ]],

@@ -304,7 +304,7 @@ fn environment_is_the_weakest() {
         ),
         (&["read", "sim"], None, Some("st0"), "' from BISS_FRAME: "),
         (&["read", "sim:x"], Some("sim"), None, "'<LINK>': "),
-        (&["read", "sim", "-fst0"], None, Some("st8"), "PRESET>': "),
+        (&["read", "sim", "-fst0"], None, Some("st8"), "auto>': "),
         (&["read", "sim", "-n", "st0"], None, Some("st0"), "<N>': "),
     ] {
         let (stdout, stderr, status) = with(args, link, frame);

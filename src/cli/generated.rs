@@ -127,6 +127,11 @@ fn hinted(arg: Arg) -> Arg {
         "frame" => {
             let presets = biss::preset::all().iter();
             let named = presets.map(|preset| PossibleValue::new(preset.name).help(preset.about));
+            let auto = PossibleValue::new("auto").help("what the slaves' registers say");
+            let asks =
+                |names: &[clap::builder::Str]| names.iter().any(|name| name.ends_with("auto"));
+            let auto = arg.get_value_names().is_some_and(asks).then_some(auto);
+            let named = named.chain(auto);
             arg.value_parser(PossibleValuesParser::new(named))
         }
         _ if arg.get_value_hint() == ValueHint::Unknown

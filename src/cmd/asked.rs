@@ -1,6 +1,6 @@
 //! What was asked for: checked, and completed, before anything is opened.
 
-use crate::cli;
+use crate::cli::{self, Wanted};
 use crate::output::{Column, Look, Shape, choose, columns, note};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
@@ -12,23 +12,23 @@ use biss::unit::{Hertz, Nanos};
 pub(super) const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 
 /// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
-pub(super) fn choose_frame(args: &cli::Read, given: bool) -> Result<Frame> {
+pub(super) fn choose_frame(args: &cli::Read, given: bool) -> Result<Wanted> {
     let flag = args.frame.clone().filter(|_| given);
     let chosen = flag
-        .or_else(|| args.link.frame.clone())
+        .or_else(|| args.link.frame.clone().map(Wanted::Given))
         .or_else(|| args.frame.clone());
     if let Some(frame) = chosen {
         return Ok(frame);
     }
     match &args.link.kind {
-        Kind::Sim { config, .. } => Ok(Frame {
+        Kind::Sim { config, .. } => Ok(Wanted::Given(Frame {
             format: config.format.clone(),
             preset: None,
-        }),
+        })),
         _ => bail!(
             "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
              its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
-             and -f resolute-26 or another preset saves the trouble"
+             -f resolute-26 or another preset saves the trouble, and an encoder with registers may say it itself: -f auto"
         ),
     }
 }

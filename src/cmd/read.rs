@@ -1,17 +1,19 @@
 //! `biss read`: frames, one after the other or one a slot.
 
 use super::asked::{check, choose_frame, fill_in, look, slower, warn_outside};
+use super::auto::Found;
 use super::counting::Counting;
 use super::line::{self, Line};
+use super::session::Session;
 use super::{Ended, Outcome, schedule};
-use crate::cli;
+use crate::cli::{self, Wanted};
 use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::Signals;
 use anyhow::{Result, anyhow};
 use biss::frame::{BissC, Stall};
 use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
-use biss::preset::Preset;
+use biss::preset::{Frame, Preset};
 use biss::trace::{Cut, Trace};
 use biss::unit::Nanos;
 use std::cell::RefCell;
@@ -19,14 +21,19 @@ use std::io;
 use std::rc::Rc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
-    let frame = choose_frame(&args, frame_given)?;
+pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
+    let wanted = choose_frame(&args, frame_given)?;
     check(&args)?;
-    let counting = Counting::asked(&args, &frame.format)?;
-    // A format that was written down does not say whose channels they are.
-    let slaves = Vec::new();
-    let look = look(&args, &frame.format, !slaves.is_empty(), counting.is_some())?;
-    if let Some(preset) = frame.preset {
+    match wanted {
+        Wanted::Given(frame) => run_given(args, frame),
+        Wanted::Auto => run_auto(&args),
+    }
+}
+
+/// Reads frames of a format that was written down, which does not say whose channels they are.
+fn run_given(mut args: cli::Read, frame: Frame) -> Result<Ended> {
+    let plan = Plan::of(&args, frame, Vec::new())?;
+    if let Some(preset) = plan.frame.preset {
         warn_outside(&args, preset);
         fill_in(&mut args, preset);
     }
@@ -34,22 +41,13 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
     let signals = Signals::catch().map_err(|e| {
         anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
     })?;
-    let printer = Printer::new(look, args.time, args.color, args.verbose);
-    let printer = Rc::new(RefCell::new(printer));
     // What was read shall be seen before more of a slow pipe is waited for. Errors come back with the next record.
     let flush = {
-        let printer = Rc::clone(&printer);
+        let printer = Rc::clone(&plan.printer);
         move || drop(printer.borrow_mut().flush())
     };
-    let line = Line {
-        link: &args.link,
-        frame: Some(&frame),
-        clock: args.clock,
-        timeout: args.timeout,
-        ack_limit: args.ack_limit,
-        busy_limit: args.busy_limit,
-    };
-    let mut link = match line.open(&signals, flush) {
+    let line = line(&args, Some(&plan.frame));
+    let link = match line.open(&signals, flush) {
         // The input ended for the signal: it is not what the error takes it for.
         Err(_) if recorded(&args) && signals.caught().is_some() => {
             return Ok(Ended {
@@ -59,17 +57,99 @@ pub(crate) fn run(mut args: cli::Read, frame_given: bool) -> Result<Ended> {
         }
         opened => opened?,
     };
-    let protocol = line.protocol(frame.format.clone());
-    Run {
-        args: &args,
-        preset: frame.preset,
-        counting,
-        slaves,
-        protocol: &protocol,
-        signals,
-        printer,
+    plan.run(&args, link, signals)
+}
+
+/// Asks the slaves what they send, and reads that.
+fn run_auto(args: &cli::Read) -> Result<Ended> {
+    let wire = cli::Wire {
+        link: args.link.clone(),
+        clock: args.clock,
+        timeout: args.timeout,
+        ack_limit: args.ack_limit,
+        busy_limit: args.busy_limit,
+        retries: biss::control::RETRIES,
+        rt: args.rt,
+        cpu: args.cpu,
+        quiet: args.quiet,
+        verbose: false,
+    };
+    let mut session = Session::open(&wire)?;
+    let found = match Found::on(&mut session, true) {
+        Ok(found) => found,
+        Err(trouble) => return session.fail("asking the slaves what they send", trouble),
+    };
+    let candidate = match found.format() {
+        Ok(index) => &found.candidates[index],
+        Err(unknown) => {
+            note(unknown.explain(&found.candidates));
+            return Ok(session.end(Outcome::Bad));
+        }
+    };
+    if !args.quiet {
+        let why = std::iter::once(candidate.reason.as_str());
+        let why: Vec<&str> = why.chain(candidate.doubts.iter().copied()).collect();
+        note(format_args!(
+            "-f {}\n  {}",
+            candidate.format,
+            why.join("\n  ")
+        ));
     }
-    .all(link.as_mut())
+    let frame = Frame {
+        format: candidate.format.clone(),
+        preset: None,
+    };
+    let plan = Plan::of(args, frame, candidate.slaves.clone())?;
+    let (link, signals) = session.into_parts();
+    plan.run(args, link, signals)
+}
+
+fn line<'a>(args: &'a cli::Read, frame: Option<&'a Frame>) -> Line<'a> {
+    Line {
+        link: &args.link,
+        frame,
+        clock: args.clock,
+        timeout: args.timeout,
+        ack_limit: args.ack_limit,
+        busy_limit: args.busy_limit,
+    }
+}
+
+/// What is read, and how it is counted and shown.
+struct Plan {
+    frame: Frame,
+    /// The slave of each channel; none where nobody has said.
+    slaves: Vec<u8>,
+    counting: Option<Counting>,
+    printer: Rc<RefCell<Printer>>,
+}
+
+impl Plan {
+    fn of(args: &cli::Read, frame: Frame, slaves: Vec<u8>) -> Result<Plan> {
+        let counting = Counting::asked(args, &frame.format)?;
+        let look = look(args, &frame.format, !slaves.is_empty(), counting.is_some())?;
+        let printer = Printer::new(look, args.time, args.color, args.verbose);
+        Ok(Plan {
+            frame,
+            slaves,
+            counting,
+            printer: Rc::new(RefCell::new(printer)),
+        })
+    }
+
+    fn run(self, args: &cli::Read, mut link: Box<dyn Link>, signals: Signals) -> Result<Ended> {
+        let protocol = line(args, None).protocol(self.frame.format);
+        Run {
+            args,
+            preset: self.frame.preset,
+            counting: self.counting,
+            slaves: self.slaves,
+            protocol: &protocol,
+            signals,
+            printer: self.printer,
+        }
+        .all(link.as_mut())
+    }
 }
 
 fn recorded(args: &cli::Read) -> bool {

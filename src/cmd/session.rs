@@ -88,6 +88,21 @@ impl Session<'_> {
         })
     }
 
+    /// How heads of frames are read.
+    pub(super) fn protocol(&self) -> &BissC {
+        &self.protocol
+    }
+
+    /// The link, and what says that it is time to end.
+    pub(super) fn parts(&mut self) -> (&mut dyn Link, &dyn Fn() -> bool) {
+        (self.link.as_mut(), &self.stop)
+    }
+
+    /// The link and the signals, to read whole frames.
+    pub(super) fn into_parts(self) -> (Box<dyn Link>, Signals) {
+        (self.link, self.signals)
+    }
+
     /// Keeps signals waiting.
     pub(super) fn hold(&self) -> Hold {
         self.hold.clone()

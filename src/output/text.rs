@@ -22,7 +22,8 @@ impl Record<'_> {
             separate(out);
             write!(out, "ch {index}")?;
         }
-        if let Some(slave) = self.slave() {
+        let several = matches!(self.ch, Some(Place { shown: true, .. }));
+        if let Some(slave) = self.slave().filter(|_| several) {
             separate(out);
             write!(out, "slave {slave}")?;
         }

@@ -1,0 +1,145 @@
+//! Who is on the line and what they send: the slaves' registers say, live frames decide.
+
+use super::session::Session;
+use crate::output::info::Shape;
+use biss::format::Format;
+use biss::frame::BissC;
+use biss::identify::{self, Bus, Trial};
+use biss::identity::{self, Candidate, Known};
+use biss::registers::{Registers, Trouble};
+
+/// What was found.
+pub(super) struct Found {
+    pub(super) bus: Bus,
+    /// Formats that the registers suggest.
+    pub(super) candidates: Vec<Candidate>,
+    /// What live frames said to each.
+    pub(super) trials: Vec<Option<Trial>>,
+}
+
+/// Why no format was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Unknown {
+    /// The registers of these slaves do not say what they send.
+    Unsaid(Vec<u8>),
+    /// There are slaves without an ID, so nobody knows what all of them send.
+    TooMany,
+    /// Live frames contradict what the registers say.
+    Contradicted,
+    /// Several formats pass, and the position does not move enough to tell them apart.
+    Ambiguous(Vec<usize>),
+    /// What the registers say has no CRC that frames could confirm.
+    Unconfirmed,
+}
+
+impl Found {
+    /// Asks everybody, then tries what they say.
+    pub(super) fn on(session: &mut Session<'_>, write: bool) -> Result<Found, Trouble> {
+        let bus = {
+            let mut master = session.master()?;
+            master.reset_bus()?;
+            identify::ask(&mut Registers::new(&mut master), write)?
+        };
+        let candidates = match bus.present {
+            9.. => Vec::new(),
+            _ => identity::candidates(&bus.devices),
+        };
+        let heads = session.protocol().clone();
+        let protocol = |format: Format| BissC {
+            format,
+            head_only: false,
+            ..heads.clone()
+        };
+        let (link, stop) = session.parts();
+        let trials = identify::prove(link, &candidates, &protocol, stop)?;
+        if stop() {
+            return Err(Trouble::Stopped);
+        }
+        Ok(Found {
+            bus,
+            candidates,
+            trials,
+        })
+    }
+
+    /// The one format that fits, or why there is none.
+    pub(super) fn format(&self) -> Result<usize, Unknown> {
+        let passing = identify::different(&self.candidates, &self.trials);
+        match passing[..] {
+            [only] => Ok(only),
+            [] => Err(self.why_none()),
+            _ => Err(Unknown::Ambiguous(passing)),
+        }
+    }
+
+    fn why_none(&self) -> Unknown {
+        if self.bus.present > 8 {
+            return Unknown::TooMany;
+        }
+        if self.candidates.is_empty() {
+            return Unknown::Unsaid(identity::unexplained(&self.bus.devices));
+        }
+        match self.trials.iter().any(Option::is_some) {
+            true => Unknown::Contradicted,
+            false => Unknown::Unconfirmed,
+        }
+    }
+
+    /// Everything for output.
+    pub(super) fn shape(&self) -> Shape<'_> {
+        let chosen = self.format().ok();
+        Shape {
+            present: self.bus.present,
+            devices: &self.bus.devices,
+            left_out: &self.bus.left_out,
+            failed: &self.bus.failed,
+            candidates: &self.candidates,
+            trials: &self.trials,
+            chosen,
+            limits: self
+                .bus
+                .devices
+                .first()
+                .map(Known::limits)
+                .unwrap_or_default(),
+        }
+    }
+}
+
+impl Unknown {
+    /// What is wrong, and what to try.
+    pub(super) fn explain(&self, candidates: &[Candidate]) -> String {
+        const ELSE: &str = "the data sheet says what it sends: give that with -f";
+        match self {
+            Unknown::Unsaid(slaves) => {
+                let ids: Vec<String> = slaves.iter().map(ToString::to_string).collect();
+                format!(
+                    "the registers of slave {} do not say what it sends\n  {ELSE}",
+                    ids.join(", ")
+                )
+            }
+            Unknown::TooMany => format!(
+                "there are more than eight slaves, and those without an ID cannot be asked\n  \
+                 switch the control communication of some off: `biss command LINK deactivate-control --slave 0,1`, or\n  {ELSE}"
+            ),
+            Unknown::Contradicted => format!(
+                "no frame fits what the registers say: {}\n  try a slower -c; `biss info` shows what was tried; {ELSE}",
+                candidates[0].format
+            ),
+            Unknown::Ambiguous(passing) => {
+                let formats: Vec<String> = passing
+                    .iter()
+                    .map(|index| candidates[*index].format.to_string())
+                    .collect();
+                format!(
+                    "several formats fit all frames: {}\n  move the encoder while it is being asked, or say which with -f",
+                    formats.join(" and ")
+                )
+            }
+            Unknown::Unconfirmed => format!(
+                "what the registers say has no CRC, so no frame can confirm it: {}\n  {ELSE}",
+                candidates[0].format
+            ),
+        }
+    }
+}
