@@ -33,6 +33,16 @@ pub(crate) fn command() -> clap::Command {
             command = command.mut_subcommands(|verb| verb.mut_args(unset));
         }
     }
+    // What is set need not be typed, though another argument stands behind it.
+    if env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty()) {
+        command = command.mut_subcommand("command", |verb| {
+            verb.allow_missing_positional(true)
+                .mut_args(|arg| match arg.get_id() == "link" {
+                    true => arg.required(false),
+                    false => arg,
+                })
+        });
+    }
     command
 }
 

@@ -13,6 +13,7 @@
 //! * `json`: one value a line, each must parse. `text`, `toml`, `ini`: nothing.
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
+use biss::control::Failure;
 use biss::cycle::Fault;
 use biss::link::Spec;
 use biss::place::Zero;
@@ -277,7 +278,7 @@ fn console_blocks_show_what_happens() {
     assert!(jq || !all, "jq is not installed");
     let bless = std::env::var_os("BISS_BLESS").is_some();
     let blocks = blocks_tagged("console");
-    for page in ["README.md", "docs/output.md"] {
+    for page in ["README.md", "docs/output.md", "docs/registers.md"] {
         let shows = blocks.iter().any(|block| block.page == page);
         assert!(shows, "{page} has no console block");
     }
@@ -490,6 +491,17 @@ fn every_fault_is_explained() {
 }
 
 #[test]
+fn every_failure_of_an_access_is_explained() {
+    let text = page("docs/output.md");
+    for failure in Failure::NAMES {
+        assert!(
+            text.contains(&format!("| `{failure}` |")),
+            "docs/output.md has no row for {failure}"
+        );
+    }
+}
+
+#[test]
 fn every_key_of_a_record_is_explained() {
     let text = page("docs/output.md");
     let mut keys = BTreeSet::new();
@@ -509,6 +521,17 @@ fn every_key_of_a_record_is_explained() {
         "file:tests/recordings/faults.vcd -f st26,nE,nW,crc6",
     ] {
         let output = run(&format!("biss read {args} -o json"), 0).output;
+        for line in output.lines().filter(|line| line.starts_with('{')) {
+            let record: Map<String, Value> = serde_json::from_str(line).unwrap();
+            keys.extend(record.into_iter().map(|(key, _)| key));
+        }
+    }
+    for args in [
+        "reg sim:read-only=0x11 --bank 4 write 0x10=1,2 0x20=3 -o json -v",
+        "command sim 10 --slave 0 -o json -v",
+        "command sim:stuck=1 00 --broadcast -o json",
+    ] {
+        let output = run(&format!("biss {args}"), 0).output;
         for line in output.lines().filter(|line| line.starts_with('{')) {
             let record: Map<String, Value> = serde_json::from_str(line).unwrap();
             keys.extend(record.into_iter().map(|(key, _)| key));

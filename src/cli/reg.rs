@@ -394,7 +394,7 @@ impl FromStr for Code {
                 text,
                 "no such command",
                 "in binary, as the specification writes them: 00 01 10 11; or activate-data and deactivate-control for \
-                 slaves, deactivate-data and activate-control as broadcasts",
+                 slaves, deactivate-data and activate-control as broadcasts. It follows LINK",
             )),
         }
     }

@@ -1,6 +1,6 @@
 //! `biss command`: slaves are told to do something.
 
-use super::session::{Session, explain};
+use super::session::{LOOKING, Session, explain};
 use super::{Ended, Outcome};
 use crate::cli;
 use crate::output::{note, reg};
@@ -31,12 +31,14 @@ pub(crate) fn run(args: cli::Send) -> Result<Ended> {
         bad: ended.as_ref().err().map(reg::Bad::of),
     };
     super::deliver(&record.render(args.format)?)?;
+    let looking = effort.is_none();
     super::sum_up(&args.wire, args.format, effort, ended.is_ok());
     let doing = format!(
         "sending command {:02b} to {}",
         args.code.code,
         reg::whom(&record.slaves)
     );
+    let doing = if looking { LOOKING } else { &doing };
     match ended {
         Ok(()) => {
             if !args.wire.quiet {
@@ -46,11 +48,11 @@ pub(crate) fn run(args: cli::Send) -> Result<Ended> {
         }
         Err(Trouble::Slave { failure, fault }) => {
             if !args.wire.quiet {
-                note(explain(&doing, failure, fault));
+                note(explain(doing, failure, fault));
             }
             Ok(session.end(Outcome::Bad))
         }
-        Err(trouble) => session.fail(&doing, trouble),
+        Err(trouble) => session.fail(doing, trouble),
     }
 }
 

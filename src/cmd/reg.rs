@@ -1,6 +1,6 @@
 //! `biss reg`: registers of one slave.
 
-use super::session::{Session, explain};
+use super::session::{LOOKING, Session, explain};
 use super::talk::{Talk, Told};
 use super::{Ended, Outcome, bank, deliver, sum_up};
 use crate::cli::{self, Assign, RegVerb, ReportFormat, Span};
@@ -183,19 +183,20 @@ pub(super) fn work_on(
     let noted = told.notes.iter().filter(|_| !quiet);
     noted.for_each(note);
     sum_up(&args.wire, args.format, effort, result.is_ok());
-    match result {
+    let ended = match result {
         Ok(true) => return Ok(session.end(Outcome::Good)),
-        Ok(false) if !quiet => complaint(args, &told.records).iter().for_each(note),
-        _ => {}
-    }
+        Ok(false) => {
+            let complaint = complaint(args, &told.records);
+            complaint.iter().filter(|_| !quiet).for_each(note);
+            Ok(session.end(Outcome::Bad))
+        }
+        Err(Halt::Trouble(trouble)) => session.fail(&told.doing, trouble),
+        Err(Halt::Usage(error)) => Err(error),
+    };
     if !quiet {
         tell_written(&told.records);
     }
-    match result {
-        Ok(_) => Ok(session.end(Outcome::Bad)),
-        Err(Halt::Trouble(trouble)) => session.fail(&told.doing, trouble),
-        Err(Halt::Usage(error)) => Err(error),
-    }
+    ended
 }
 
 type Worked = (Told, Option<Effort>, Result<bool, Halt>);
@@ -211,7 +212,7 @@ fn run_work(
         Ok(master) => master,
         Err(trouble) => {
             let told = Told {
-                doing: "looking for an encoder".into(),
+                doing: LOOKING.into(),
                 ..Told::default()
             };
             return (told, None, Err(trouble.into()));
@@ -280,10 +281,7 @@ fn complaint(args: &cli::Reg, records: &[Register]) -> Option<String> {
             .filter(|bad| !(dump && bad.is_refusal()))?;
         let (failure, fault) = bad.failure()?;
         let doing = if record.write { "writing" } else { "reading" };
-        let doing = format!(
-            "{doing} register {:#04x} of slave {}",
-            record.address, record.slave
-        );
+        let doing = format!("{doing} registers of slave {}", record.slave);
         Some(explain(&doing, failure, fault))
     };
     records.iter().find_map(bad)

@@ -15,6 +15,7 @@ use biss::master::Master;
 use biss::registers::{BANK_SELECT, Trouble};
 use std::cell::Cell;
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 /// An open line to slaves that can be talked to. Of the frames on it the head is read only, so their format need not be
 /// known.
@@ -53,7 +54,7 @@ impl Session<'_> {
             wire,
             signals,
             hold,
-            stop: Box::new(move || caught() && !held.is_held()),
+            stop: Box::new(move || caught() && !held.bears()),
             link,
             protocol: BissC {
                 head_only: true,
@@ -130,21 +131,39 @@ impl Session<'_> {
     }
 }
 
-/// While somebody holds it no signal ends an access: what is half written would be known to nobody.
+/// While somebody holds it signals wait, as an access that is ended in the middle leaves behind what nobody knows of. Not
+/// for ever: with enough --retries an access may never end.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Hold(Rc<Cell<u32>>);
+pub(super) struct Hold(Rc<Held>);
+
+#[derive(Debug, Default)]
+struct Held {
+    holders: Cell<u32>,
+    /// When a signal was first seen to wait.
+    since: Cell<Option<Instant>>,
+}
+
+/// Longer than 64 registers take, each with the longest processing time there is.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 impl Hold {
     /// Does something that no signal shall end.
     pub(super) fn during<T>(&self, work: impl FnOnce() -> T) -> T {
-        self.0.set(self.0.get() + 1);
+        let holders = &self.0.holders;
+        holders.set(holders.get() + 1);
         let result = work();
-        self.0.set(self.0.get() - 1);
+        holders.set(holders.get() - 1);
         result
     }
 
-    fn is_held(&self) -> bool {
-        self.0.get() > 0
+    /// Whether a signal that has come has to wait.
+    fn bears(&self) -> bool {
+        if self.0.holders.get() == 0 {
+            return false;
+        }
+        let since = self.0.since.get().unwrap_or_else(Instant::now);
+        self.0.since.set(Some(since));
+        since.elapsed() < PATIENCE
     }
 }
 
@@ -183,10 +202,13 @@ fn say_how(wire: &cli::Wire, protocol: &BissC, master: &Master) {
     }
 }
 
+/// What [`Session::master`] does first.
+pub(super) const LOOKING: &str = "looking for an encoder";
+
 /// What was being done, what the slave did, and what to try.
 pub(super) fn explain(doing: &str, failure: Failure, fault: Option<Fault>) -> String {
     let said = match (failure, fault) {
-        (Failure::Cut, Some(fault)) if !answers(fault) => format!("no encoder answers: {fault}"),
+        (Failure::Cut, Some(fault)) if doing == LOOKING => format!("none answers: {fault}"),
         (failure, Some(fault)) => format!("{failure}: {fault}"),
         (failure, None) => failure.to_string(),
     };
@@ -237,7 +259,7 @@ fn advice(failure: Failure, fault: Option<Fault>) -> &'static str {
             "bits are lost on the line: try a slower -c, more --retries, check termination and ground"
         }
         Failure::NotEchoed { .. } => {
-            "it was busy where it must not be, or bits are lost: try again, or a slower -c"
+            "older slaves refuse a write so: the register is not there, or read-only; else bits are lost: try a slower -c"
         }
         Failure::Acknowledge { .. } => {
             "a slave that does not know the command does not acknowledge it; --unchecked executes it all the same"

@@ -363,3 +363,132 @@ impl Put {
         (self.record.want, self.record.bad) = (Some(self.want), Some(bad));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::reg::Written;
+    use biss::frame::BissC;
+    use biss::link::bitbang::Bang;
+    use biss::link::sim::{self, SimPins};
+    use biss::master::Master;
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    type Sim = Rc<RefCell<Bang<SimPins>>>;
+
+    /// Talks to a simulated slave, and gives it back to be looked at.
+    fn talk<T>(config: &str, work: impl FnOnce(&mut Talk, &Sim) -> T) -> (T, Sim) {
+        let link: Sim = Rc::new(RefCell::new(sim::open(config.parse().unwrap())));
+        let mut shared = Rc::clone(&link);
+        let protocol = BissC::head_only();
+        let mut master = Master::new(&mut shared, &protocol, None);
+        // A frame that is lost on purpose is no absent encoder.
+        assert!((0..4).any(|_| master.open().unwrap()));
+        master.set_access_retries(1);
+        let mut registers = Registers::new(&mut master);
+        let mut talk = Talk::new(&mut registers, Hold::default(), 0);
+        let result = work(&mut talk, &link);
+        (result, link)
+    }
+
+    fn holds(link: &Sim, bank: u8, address: u8) -> Option<u8> {
+        link.borrow_mut().pins_mut().slave().peek(0, bank, address)
+    }
+
+    #[test]
+    fn the_bank_before_comes_back_whatever_happens() {
+        let span = |first, last| Span { first, last };
+        let ((), link) = talk("", |talk, link| {
+            talk.within(5, |talk| {
+                assert_eq!(holds(link, 0, BANK_SELECT), Some(5));
+                assert!(talk.write(0x10, &[7, 8], true)?);
+                talk.read(span(0x10, 0x11))
+            })
+            .unwrap();
+            assert!(
+                talk.told
+                    .records
+                    .iter()
+                    .all(|record| record.bank == Some(5))
+            );
+            // An error, a refusal, and a bank within a bank.
+            let failed: Result<(), Trouble> = talk.within(4, |_| Err(Trouble::Stopped));
+            assert!(matches!(failed, Err(Trouble::Stopped)));
+            assert_eq!(holds(link, 0, BANK_SELECT), Some(0));
+            talk.within(4, |talk| {
+                talk.within(5, |talk| talk.read(span(0, 0)))?;
+                assert_eq!(holds(link, 0, BANK_SELECT), Some(4));
+                talk.within(77, |talk| talk.read(span(0, 3)))
+            })
+            .unwrap();
+            let refused = talk.told.records.iter().rev().take(4);
+            assert!(
+                refused
+                    .map(|r| r.bad.as_ref().unwrap())
+                    .all(Bad::is_refusal)
+            );
+        });
+        assert_eq!(holds(&link, 0, BANK_SELECT), Some(0));
+        assert_eq!(
+            (holds(&link, 5, 0x10), holds(&link, 5, 0x11)),
+            (Some(7), Some(8))
+        );
+        assert_eq!(
+            (holds(&link, 0, 0x10), holds(&link, 4, 0x10)),
+            (Some(0), Some(0))
+        );
+    }
+
+    /// What is told of a write that went wrong is what the slave holds.
+    #[test]
+    fn what_is_told_of_writes_is_so() {
+        for config in [
+            "read-only=0x13",
+            "refuse=0x12..0x13",
+            "refusal=silent,read-only=0x11",
+            "echo-wrong=30%",
+            "write-lost=30%",
+            "stop-bit=40%",
+            "cds-flip=1%",
+            "cdm-flip=1%",
+            "no-ack=1%",
+            "data-crc=30%",
+        ] {
+            let (mut yes, mut no, mut unknown) = (0, 0, 0);
+            for seed in 0..40 {
+                let config = format!("{config},seed={seed}");
+                let (records, link) = talk(&config, |talk, link| {
+                    talk.registers.verify(true);
+                    for address in 0x10..0x16 {
+                        link.borrow_mut().pins_mut().slave_mut().poke(
+                            0,
+                            0,
+                            address,
+                            0xA0 + address,
+                        );
+                    }
+                    // A slave that is gone for good is told elsewhere.
+                    drop(talk.write(0x10, &[1, 2, 3, 4, 5, 6], true));
+                    std::mem::take(&mut talk.told.records)
+                });
+                for record in records {
+                    let want = record.address - 0x0F;
+                    let written = holds(&link, 0, record.address) == Some(want);
+                    match record.written() {
+                        Written::Yes => assert!(written, "{config}: {record:?}"),
+                        Written::No => assert!(!written, "{config}: {record:?}"),
+                        Written::Unknown => {}
+                    }
+                    match record.written() {
+                        Written::Yes => yes += 1,
+                        Written::No => no += 1,
+                        Written::Unknown => unknown += 1,
+                    }
+                }
+            }
+            assert!(yes > 0, "{config}: {yes} {no} {unknown}");
+            println!("{config}: {yes} written, {no} not, {unknown} not known");
+        }
+    }
+}
