@@ -369,9 +369,12 @@ mod tests {
     use super::*;
     use crate::output::reg::Written;
     use biss::frame::BissC;
+    use biss::link::Link;
     use biss::link::bitbang::Bang;
-    use biss::link::sim::{self, SimPins};
+    use biss::link::sim::{self, Controller, SimBus, SimPins};
+    use biss::link::wave::{Options, Wave};
     use biss::master::Master;
+    use biss::unit::Hertz;
     use std::cell::RefCell;
     use std::rc::Rc;
 
@@ -381,15 +384,18 @@ mod tests {
     fn talk<T>(config: &str, work: impl FnOnce(&mut Talk, &Sim) -> T) -> (T, Sim) {
         let link: Sim = Rc::new(RefCell::new(sim::open(config.parse().unwrap())));
         let mut shared = Rc::clone(&link);
+        let result = over(&mut shared, |talk| work(talk, &link));
+        (result, link)
+    }
+
+    fn over<T>(link: &mut dyn Link, work: impl FnOnce(&mut Talk) -> T) -> T {
         let protocol = BissC::head_only();
-        let mut master = Master::new(&mut shared, &protocol, None);
+        let mut master = Master::new(link, &protocol, None);
         // A frame that is lost on purpose is no absent encoder.
         assert!((0..4).any(|_| master.open().unwrap()));
         master.set_access_retries(1);
         let mut registers = Registers::new(&mut master);
-        let mut talk = Talk::new(&mut registers, Hold::default(), 0);
-        let result = work(&mut talk, &link);
-        (result, link)
+        work(&mut Talk::new(&mut registers, Hold::default(), 0))
     }
 
     fn holds(link: &Sim, bank: u8, address: u8) -> Option<u8> {
@@ -438,6 +444,55 @@ mod tests {
             (holds(&link, 0, 0x10), holds(&link, 4, 0x10)),
             (Some(0), Some(0))
         );
+    }
+
+    /// Where CDM is laid out before CDS is seen, and the line is long.
+    #[test]
+    fn a_wave_link_does_it_too() {
+        for (config, hz) in [
+            ("device=mhm", 1_000_000),
+            ("device=mhm,delay=7300ns", 2_000_000),
+            ("device=mhm,busy=0us..9us,delay=300ns", 500_000),
+            ("device=mhm,reg-busy=0us..2ms,timeout=adaptive", 4_000_000),
+            ("device=mhm,power-up=low", 250_000),
+        ] {
+            let bus = SimBus::new(config.parse().unwrap(), Controller::default());
+            let mut link = Wave::new(bus, Options::default(), Some(Hertz(hz))).unwrap();
+            over(&mut link, |talk| {
+                talk.read(Span::ALL).unwrap();
+                assert!(talk.write(0x01, &[0x5A, 0xA5], true).unwrap(), "{config}");
+                assert!(!talk.write(0x13, &[1, 2], true).unwrap(), "{config}");
+                talk.within(2, |talk| talk.read(Span { first: 1, last: 1 }))
+                    .unwrap();
+                let slave = sim::open("device=mhm".parse().unwrap());
+                check(config, &talk.told.records, slave);
+            });
+            let slave = link.bus_mut().pins().slave();
+            let held = [0x01, 0x02, 0x13, 0x40].map(|address| slave.peek(0, 0, address));
+            assert_eq!(held, [0x5A, 0xA5, 0x01, 0x00].map(Some), "{config}");
+        }
+    }
+
+    fn check(config: &str, records: &[Register], mut slave: Bang<SimPins>) {
+        let (read, rest) = records.split_at(0x80);
+        for record in read {
+            let held = slave.pins_mut().slave().peek(0, 0, record.address);
+            assert_eq!(record.value, held, "{config}: {record:?}");
+            assert!(record.is_answer(), "{config}: {record:?}");
+        }
+        let told: Vec<_> = rest
+            .iter()
+            .map(|r| (r.old, r.value, r.bad.is_none()))
+            .collect();
+        let written = (Some(0x8C), Some(1), true);
+        let wanted = [
+            (Some(0x44), Some(0x5A), true),
+            (Some(0x00), Some(0xA5), true),
+            written,
+            (None, None, false),
+            (None, Some(1), true),
+        ];
+        assert_eq!(told, wanted, "{config}");
     }
 
     /// What is told of a write that went wrong is what the slave holds.
