@@ -161,6 +161,15 @@ pub(crate) struct Read {
     #[arg(short = 'F', long, value_name = "LIST", conflicts_with = "format")]
     pub(crate) fields: Option<String>,
 
+    /// Read these registers beside the frames, again and again [-n: until all are read once]
+    #[arg(long, value_name = "ADDR[..ADDR],…", value_delimiter = ',')]
+    pub(crate) registers: Vec<Span>,
+
+    /// Whose registers: ID 0 is the slave farthest away
+    #[arg(long, value_name = "ID", requires = "registers", default_value_t = 0, hide_default_value = true,
+          value_parser = clap::value_parser!(u8).range(0..=7))]
+    pub(crate) slave: u8,
+
     /// Count on where the position rolls over, less than half its range a frame: adds counts
     #[arg(long)]
     pub(crate) unwrap: bool,

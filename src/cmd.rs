@@ -3,6 +3,7 @@
 mod asked;
 mod auto;
 mod bank;
+mod beside;
 pub(crate) mod command;
 mod counting;
 pub(crate) mod info;

@@ -12,7 +12,7 @@ mod text;
 pub(crate) use columns::{Column, Shape, choose, columns};
 pub(crate) use summary::Summary;
 
-use crate::cli::{ColorWhen, TimeStyle};
+use crate::cli::{ColorWhen, ReportFormat, TimeStyle};
 use biss::cycle::{Cycle, Fault, Word};
 use biss::format::{Channel, Format, Kind};
 use biss::place;
@@ -178,10 +178,24 @@ impl Printer {
                 verbose: self.verbose,
             })?;
         }
-        if self.flushed.elapsed() >= FLUSH_EVERY {
-            self.flush()?;
+        self.flush_in_time()
+    }
+
+    /// Writes a register that was read beside the frames.
+    pub(crate) fn register(&mut self, register: &reg::Register) -> io::Result<()> {
+        let format = match self.look {
+            Look::Text => ReportFormat::Text,
+            _ => ReportFormat::Json,
+        };
+        self.out.write_all(register.render(format)?.as_bytes())?;
+        self.flush_in_time()
+    }
+
+    fn flush_in_time(&mut self) -> io::Result<()> {
+        match self.flushed.elapsed() >= FLUSH_EVERY {
+            true => self.flush(),
+            false => Ok(()),
         }
-        Ok(())
     }
 
     fn record(&mut self, record: &Record) -> io::Result<()> {

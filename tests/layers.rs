@@ -122,6 +122,7 @@ const BINARY: &[&str] = &[
     "cmd/asked.rs",
     "cmd/auto.rs",
     "cmd/bank.rs",
+    "cmd/beside.rs",
     "cmd/command.rs",
     "cmd/counting.rs",
     "cmd/info.rs",

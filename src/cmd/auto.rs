@@ -1,11 +1,12 @@
 //! Who is on the line and what they send: the slaves' registers say, live frames decide.
 
-use super::session::Session;
+use super::session::{LOOKING, Session};
 use crate::output::info::Shape;
 use biss::format::Format;
 use biss::frame::BissC;
 use biss::identify::{self, Bus, Trial};
 use biss::identity::{self, Candidate, Known};
+use biss::master::Master;
 use biss::registers::{Registers, Trouble};
 
 /// What was found.
@@ -33,13 +34,21 @@ pub(super) enum Unknown {
 }
 
 impl Found {
-    /// Asks everybody, then tries what they say.
-    pub(super) fn on(session: &mut Session<'_>, write: bool) -> Result<Found, Trouble> {
+    /// Asks everybody, then tries what they say. A trouble comes with what was being done.
+    pub(super) fn on(
+        session: &mut Session<'_>,
+        write: bool,
+    ) -> Result<Found, (&'static str, Trouble)> {
         let bus = {
-            let mut master = session.master()?;
-            master.reset_bus()?;
-            identify::ask(&mut Registers::new(&mut master), write)?
+            let mut master = session.master().map_err(|trouble| (LOOKING, trouble))?;
+            ask(&mut master, write)
+                .map_err(|trouble| ("asking the slaves who they are", trouble))?
         };
+        Found::of(session, bus).map_err(|trouble| ("trying what the slaves say", trouble))
+    }
+
+    /// Tries what the slaves say.
+    fn of(session: &mut Session<'_>, bus: Bus) -> Result<Found, Trouble> {
         let candidates = match bus.present {
             9.. => Vec::new(),
             _ => identity::candidates(&bus.devices),
@@ -104,6 +113,11 @@ impl Found {
                 .unwrap_or_default(),
         }
     }
+}
+
+fn ask(master: &mut Master<'_>, write: bool) -> Result<Bus, Trouble> {
+    master.reset_bus()?;
+    identify::ask(&mut Registers::new(master), write)
 }
 
 impl Unknown {

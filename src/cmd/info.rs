@@ -11,7 +11,7 @@ pub(crate) fn run(args: &cli::Info) -> Result<Ended> {
     let mut session = Session::open(&args.wire)?;
     let found = match Found::on(&mut session, !args.no_write) {
         Ok(found) => found,
-        Err(trouble) => return session.fail("asking the slaves who they are", trouble),
+        Err((doing, trouble)) => return session.fail(doing, trouble),
     };
     let shape = found.shape();
     let text = match args.format {

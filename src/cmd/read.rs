@@ -2,6 +2,7 @@
 
 use super::asked::{check, choose_frame, fill_in, look, slower, warn_outside};
 use super::auto::Found;
+use super::beside::Beside;
 use super::counting::Counting;
 use super::line::{self, Line};
 use super::session::Session;
@@ -77,7 +78,7 @@ fn run_auto(args: &cli::Read) -> Result<Ended> {
     let mut session = Session::open(&wire)?;
     let found = match Found::on(&mut session, true) {
         Ok(found) => found,
-        Err(trouble) => return session.fail("asking the slaves what they send", trouble),
+        Err((doing, trouble)) => return session.fail(doing, trouble),
     };
     let candidate = match found.format() {
         Ok(index) => &found.candidates[index],
@@ -121,18 +122,21 @@ struct Plan {
     /// The slave of each channel; none where nobody has said.
     slaves: Vec<u8>,
     counting: Option<Counting>,
+    beside: Option<Beside>,
     printer: Rc<RefCell<Printer>>,
 }
 
 impl Plan {
     fn of(args: &cli::Read, frame: Frame, slaves: Vec<u8>) -> Result<Plan> {
         let counting = Counting::asked(args, &frame.format)?;
+        let beside = Beside::asked(args)?;
         let look = look(args, &frame.format, !slaves.is_empty(), counting.is_some())?;
         let printer = Printer::new(look, args.time, args.color, args.verbose);
         Ok(Plan {
             frame,
             slaves,
             counting,
+            beside,
             printer: Rc::new(RefCell::new(printer)),
         })
     }
@@ -143,6 +147,7 @@ impl Plan {
             args,
             preset: self.frame.preset,
             counting: self.counting,
+            beside: self.beside,
             slaves: self.slaves,
             protocol: &protocol,
             signals,
@@ -163,6 +168,7 @@ struct Run<'a> {
     args: &'a cli::Read,
     preset: Option<&'static Preset>,
     counting: Option<Counting>,
+    beside: Option<Beside>,
     /// The slave ID of each channel, or none.
     slaves: Vec<u8>,
     protocol: &'a BissC,
@@ -183,7 +189,12 @@ impl Run<'_> {
         self.printer.borrow_mut().epoch(unix_us);
         let args = self.args;
         let mut summary = Summary::default();
-        let count = args.count.unwrap_or(u64::from(live));
+        // Without a number of frames, as many as registers take.
+        let usual = u64::from(live && self.beside.is_none());
+        let count = args.count.unwrap_or(usual);
+        if let Some(beside) = &mut self.beside {
+            beside.go_on(&mut master)?;
+        }
         let result = self.frames(&mut master, &mut summary, count);
         let result = result.and_then(|()| self.printer.borrow_mut().flush().map_err(writing));
         let signal = self.signals.caught();
@@ -207,8 +218,9 @@ impl Run<'_> {
                 count == 0 || summary.cycles >= count
             }
         };
-        let good =
-            summary.cycles > 0 && summary.good == summary.cycles && summary.error == 0 && enough;
+        let registers = self.beside.as_ref().is_none_or(|beside| !beside.is_bad());
+        let frames = summary.cycles > 0 && summary.good == summary.cycles && summary.error == 0;
+        let good = frames && registers && enough;
         let outcome = if good { Outcome::Good } else { Outcome::Bad };
         Ok(Ended { outcome, signal })
     }
@@ -290,7 +302,10 @@ impl Run<'_> {
         let start = master.link().now_ns() + FIRST_SLOT_NS;
         let wall = Instant::now();
         let mut seq = 0u64;
-        while (count == 0 || summary.cycles < count) && self.signals.caught().is_none() {
+        while (count == 0 || summary.cycles < count)
+            && self.signals.caught().is_none()
+            && !self.has_registers()
+        {
             let (mut at_ns, mut end_ns) = (0, None);
             if let Some(Nanos(interval)) = self.args.interval {
                 let now = master.link().now_ns();
@@ -348,8 +363,31 @@ impl Run<'_> {
             summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
             self.printer.borrow_mut().shot(&shot).map_err(writing)?;
             seq += 1;
+            self.registers(master)?;
         }
         Ok(())
+    }
+
+    /// Prints the registers that have come with this frame.
+    fn registers(&mut self, master: &mut Master) -> Result<()> {
+        if let Some(beside) = &mut self.beside {
+            for record in beside.look(master)? {
+                self.printer
+                    .borrow_mut()
+                    .register(&record)
+                    .map_err(writing)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether all registers have been read, and nothing else was asked for.
+    fn has_registers(&self) -> bool {
+        let once = self
+            .beside
+            .as_ref()
+            .is_some_and(|beside| beside.rounds() > 0);
+        once && self.args.count.is_none()
     }
 
     /// How far real time is behind a virtual time.

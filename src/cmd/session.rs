@@ -168,7 +168,7 @@ impl Hold {
 }
 
 /// Whether CDM can be sent over such a link at all.
-fn can_send(link: &Spec) -> Result<()> {
+pub(super) fn can_send(link: &Spec) -> Result<()> {
     match &link.kind {
         Kind::File { .. } => bail!(
             "nothing can be sent into a recording\n  name the link that the encoder is on; `biss read` reads recordings"
