@@ -555,7 +555,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__read)
-            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help gpio: spi: wave: sim file:"
+            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --registers --slave --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help gpio: spi: wave: sim file:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -627,6 +627,20 @@ _biss() {
                     return 0
                     ;;
                 -F)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --registers)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --slave)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace

@@ -57,6 +57,8 @@ complete -c biss -n "__fish_biss_using_subcommand read" -s o -l format -d 'How r
 json\t'JSON Lines'
 csv\t'Comma-separated values, a header first'"
 complete -c biss -n "__fish_biss_using_subcommand read" -s F -l fields -d 'Tab-separated values of good records only: LIST is keys of the JSON records, such as t_ns,pos,deg' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l registers -d 'Read these registers beside the frames, again and again [-n: until all are read once]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l slave -d 'Whose registers: ID 0 is the slave farthest away' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l zero -d 'What counts as 0, as the encoder sends it, or the first good frame: adds counts' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s t -l time -d 'Time stamps' -r -f -a "zero\t'Since the first frame'
 delta\t'Since the frame before'

@@ -42,6 +42,8 @@ pub struct BissC {
     /// Read Ack, start and CDS only, and leave the channels in the slave: their format need not be known, and a frame may
     /// be ended anywhere (D2, p. 12).
     pub head_only: bool,
+    /// Clocks after the stop bit that have to read 0; `None` clocks as many as the link needs.
+    pub surplus: Option<u16>,
 }
 
 impl BissC {
@@ -54,6 +56,7 @@ impl BissC {
             stall: Stall::Unknown,
             timeout_max_ns: limits::TIMEOUT_MAX_NS as u32,
             head_only: false,
+            surplus: None,
         }
     }
 
@@ -77,7 +80,11 @@ impl BissC {
 
     /// Clocks after the stop bit.
     fn surplus(&self) -> u16 {
-        if self.head_only { 0 } else { SURPLUS }
+        match self.surplus {
+            _ if self.head_only => 0,
+            Some(asked) => asked,
+            None => SURPLUS,
+        }
     }
 
     /// How long SL = 1 is awaited after the last MA edge.
@@ -239,7 +246,7 @@ impl Protocol for BissC {
             Until::Frame {
                 ack,
                 start,
-                then: self.tail(),
+                then: self.tail() + self.surplus.unwrap_or(0),
             }
         } else {
             // Two more than must be there let the encoder's busy time wander.

@@ -248,6 +248,22 @@ fn a_byte_that_was_waited_for_comes_twice_before_it_counts() {
     }
 }
 
+/// An encoder that stands still shows the same frame again and again.
+#[test]
+fn a_position_that_does_not_move_confirms_little() {
+    let (all, _, status) = line("sim:motion=still,pos=5");
+    assert_eq!(
+        (&all["frame"], status),
+        (&"mt12,st20,nE,nW,crc6".into(), Some(0))
+    );
+    let doubts = all["doubts"].to_string();
+    assert!(doubts.contains("move the encoder"), "{doubts}");
+    let (_, stderr, _) = run("read sim:motion=still,pos=5 -f auto");
+    assert!(stderr.contains("move the encoder"), "{stderr}");
+    let (all, _, _) = line("sim");
+    assert_eq!(all.get("doubts"), None);
+}
+
 #[test]
 fn text_marks_what_is_doubtful() {
     let (stdout, stderr, status) = run("info sim");

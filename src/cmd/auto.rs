@@ -81,6 +81,14 @@ impl Found {
         }
     }
 
+    /// What frames have not shown about a format that fits.
+    pub(super) fn doubts(&self, index: usize) -> Vec<&'static str> {
+        const STILL: &str = "all frames carried the same data, which a wrong format fits too, 1 in 64 with CRC-6: move the encoder and ask again";
+        let alike = self.trials[index].is_some_and(|trial| trial.alike);
+        let doubts = self.candidates[index].doubts.iter().copied();
+        doubts.chain(alike.then_some(STILL)).collect()
+    }
+
     fn why_none(&self) -> Unknown {
         if self.bus.present > 8 {
             return Unknown::TooMany;
@@ -105,6 +113,7 @@ impl Found {
             candidates: &self.candidates,
             trials: &self.trials,
             chosen,
+            doubts: chosen.map(|index| self.doubts(index)).unwrap_or_default(),
             limits: self
                 .bus
                 .devices

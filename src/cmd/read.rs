@@ -80,16 +80,17 @@ fn run_auto(args: &cli::Read) -> Result<Ended> {
         Ok(found) => found,
         Err((doing, trouble)) => return session.fail(doing, trouble),
     };
-    let candidate = match found.format() {
-        Ok(index) => &found.candidates[index],
+    let index = match found.format() {
+        Ok(index) => index,
         Err(unknown) => {
             note(unknown.explain(&found.candidates));
             return Ok(session.end(Outcome::Bad));
         }
     };
+    let candidate = &found.candidates[index];
     if !args.quiet {
         let why = std::iter::once(candidate.reason.as_str());
-        let why: Vec<&str> = why.chain(candidate.doubts.iter().copied()).collect();
+        let why: Vec<&str> = why.chain(found.doubts(index)).collect();
         note(format_args!(
             "-f {}\n  {}",
             candidate.format,

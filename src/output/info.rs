@@ -17,6 +17,8 @@ pub(crate) struct Shape<'a> {
     pub(crate) trials: &'a [Option<Trial>],
     /// The candidate that fits.
     pub(crate) chosen: Option<usize>,
+    /// What frames have not shown about it.
+    pub(crate) doubts: Vec<&'static str>,
     pub(crate) limits: Vec<Limit>,
 }
 
@@ -123,7 +125,7 @@ impl Shape<'_> {
                     trial.good, trial.frames
                 )?;
             }
-            for doubt in &candidate.doubts {
+            for doubt in &self.doubts {
                 writeln!(out, "  ? {doubt}")?;
             }
         } else {
@@ -320,7 +322,7 @@ impl<'a> Line<'a> {
             slaves: shape.present,
             frame: chosen.map(|candidate| candidate.format.to_string()),
             channels: chosen.map(|candidate| candidate.slaves.as_slice()),
-            doubts: chosen.map_or(&[], |candidate| candidate.doubts.as_slice()),
+            doubts: &shape.doubts,
             tried: shape
                 .candidates
                 .iter()
