@@ -2,85 +2,20 @@
 #![allow(clippy::unwrap_used)]
 
 mod common;
+#[path = "common/links.rs"]
+mod links;
 
 use biss::control::{Access, Failure, REST_FRAMES};
-use biss::frame::BissC;
 use biss::link::Link;
-use biss::link::bitbang::Bang;
-use biss::link::sim::{self, Controller, SimBus, SimPins};
-use biss::link::wave::{Options, Wave};
-use biss::master::Master;
 use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
-use biss::slave::{Config, Slave};
-use std::cell::RefCell;
+use links::{HasSlave, map, sim, sim_wave, with};
 use std::collections::BTreeMap;
-use std::rc::Rc;
-
-type Sim = Rc<RefCell<Bang<SimPins>>>;
-type SimWave = Rc<RefCell<Wave<SimBus>>>;
-
-fn sim(config: &str) -> Sim {
-    let config: Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
-    Rc::new(RefCell::new(sim::open(config)))
-}
-
-fn sim_wave(config: &str) -> SimWave {
-    let config: Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
-    let bus = SimBus::new(config, Controller::default());
-    Rc::new(RefCell::new(
-        Wave::new(bus, Options::default(), None).unwrap(),
-    ))
-}
-
-trait HasSlave {
-    fn slave<T>(&self, look: impl FnOnce(&mut Slave) -> T) -> T;
-}
-
-impl HasSlave for Sim {
-    fn slave<T>(&self, look: impl FnOnce(&mut Slave) -> T) -> T {
-        look(self.borrow_mut().pins_mut().slave_mut())
-    }
-}
-
-impl HasSlave for SimWave {
-    fn slave<T>(&self, look: impl FnOnce(&mut Slave) -> T) -> T {
-        look(self.borrow_mut().bus_mut().pins_mut().slave_mut())
-    }
-}
-
-/// Does something with the registers of a link, by heads of frames.
-fn with<L: Link, T>(link: &mut L, work: impl FnOnce(&mut Registers<'_, '_>) -> T) -> T {
-    let protocol = BissC::head_only();
-    let mut master = Master::new(link, &protocol, None);
-    assert!(master.open().unwrap(), "an encoder answers");
-    work(&mut Registers::new(&mut master))
-}
 
 fn failure(trouble: &Trouble) -> Failure {
     match trouble {
         Trouble::Slave { failure, .. } => *failure,
         other => panic!("{other}"),
     }
-}
-
-/// All that the slaves hold in the banks looked at.
-fn map(slave: &Slave, banks: &[u8]) -> BTreeMap<(usize, u8, u8), u8> {
-    let mut map = BTreeMap::new();
-    for id in 0..slave.devices() {
-        for address in 0x40..0x80 {
-            if let Some(value) = slave.peek(id, 0, address) {
-                map.insert((id, 0, address), value);
-            }
-        }
-        for bank in banks {
-            for address in 0x00..0x40 {
-                if let Some(value) = slave.peek(id, *bank, address) {
-                    map.insert((id, *bank, address), value);
-                }
-            }
-        }
-    }
-    map
 }
 
 /// 33 frames for the first byte, 14 for each that follows, as many more as the slave is busy, and 14 of rest before.
