@@ -483,7 +483,8 @@ impl Control {
     pub fn ask(&mut self, access: Access) -> Result<(), String> {
         access.check(self.late)?;
         self.abort(None);
-        self.ended = None;
+        // A command that may still be waited for was somebody else's.
+        (self.ended, self.armed) = (None, 0);
         self.job = Some(Job {
             outcome: Outcome {
                 access,
@@ -624,7 +625,7 @@ impl Control {
 
     /// A frame was not whole while the slaves should have rested. Where that goes on they never do.
     fn lost(&mut self) {
-        let most = u32::from(REST_FRAMES) * (self.retries + 1);
+        let most = u32::from(REST_FRAMES).saturating_mul(self.retries.saturating_add(1));
         if let Some(job) = &mut self.job {
             job.lost += 1;
             if job.lost >= most || self.armed > 0 {

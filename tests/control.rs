@@ -337,3 +337,52 @@ fn what_the_wire_cannot_carry_is_refused() {
     assert!(control.ask(command(0x80, 0)).is_ok());
     assert!(Control::new(true).ask(command(0x80, 0)).is_err());
 }
+
+/// Frames for which nothing is wrong, the slave saying nothing.
+fn quiet(control: &mut Control, frames: usize) {
+    for _ in 0..frames {
+        let cdm = control.cdm()[0];
+        control.seen(0, Seen::Whole { cds: false, cdm });
+    }
+}
+
+/// A late master has sent EX before it sees the last IDA, so a bit error there makes nothing undone: said to have failed,
+/// the command would be repeated.
+#[test]
+fn a_late_master_executes_no_command_twice() {
+    let cds = "0100000000000000010000001";
+    let (sent, ended) = run(command(1, 2), cds, true);
+    assert_eq!(sent.as_bytes()[24], b'1', "EX is out");
+    assert_eq!(ended.unwrap().failure, None);
+    // A master that reacts has seen it, and does not execute.
+    let (sent, ended) = run(command(1, 2), cds, false);
+    assert_eq!(sent.as_bytes()[24], b'0');
+    let wrong = Failure::Acknowledge { want: 1, got: 0x81 };
+    assert_eq!(ended.unwrap().failure, Some(wrong));
+}
+
+/// A command that was cut and given up is nobody's business any more.
+#[test]
+fn an_access_is_not_blamed_for_the_one_before() {
+    let mut control = Control::new(false);
+    control.ask(command(0, 2)).unwrap();
+    quiet(&mut control, usize::from(REST_FRAMES) + 5);
+    control.seen(0, Seen::Cut { cdm: Some(false) });
+    control.give_up();
+    control.ask(read(0, 0x78, 1)).unwrap();
+    control.seen(0, Seen::Cut { cdm: Some(false) });
+    assert!(control.take().is_none(), "one frame of the rest was lost");
+    assert!(control.is_busy());
+}
+
+/// However many repetitions are allowed.
+#[test]
+fn any_number_of_retries_can_be_counted() {
+    let mut control = Control::new(false);
+    control.set_retries(u32::MAX);
+    control.ask(read(0, 0x78, 1)).unwrap();
+    for _ in 0..1_000 {
+        control.seen(0, Seen::Cut { cdm: None });
+    }
+    assert!(control.is_busy());
+}
