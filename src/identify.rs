@@ -76,8 +76,9 @@ fn ask_all(
                 continue;
             }
             match registers.select(read.slave, number) {
-                // The first one knows what was selected before all of them.
-                Ok(bank) => drop(selected.get_or_insert(bank)),
+                // The first one that changed anything knows what was selected before all of them.
+                Ok(bank) if bank.changes() => drop(selected.get_or_insert(bank)),
+                Ok(_) => {}
                 Err(Trouble::Slave { failure, .. }) => {
                     bus.failed.push((read, failure));
                     known.store(&read, &[]);

@@ -82,6 +82,13 @@ pub struct Bank {
     before: Option<u8>,
 }
 
+impl Bank {
+    /// Whether another one was selected before.
+    pub fn changes(&self) -> bool {
+        self.before.is_some()
+    }
+}
+
 /// The registers of the slaves behind a master.
 #[derive(Debug)]
 pub struct Registers<'m, 'a> {

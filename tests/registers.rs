@@ -6,6 +6,7 @@ mod common;
 mod links;
 
 use biss::control::{Access, Failure, REST_FRAMES};
+use biss::identify;
 use biss::link::Link;
 use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
 use links::{HasSlave, map, sim, sim_wave, with};
@@ -260,4 +261,18 @@ fn an_ic_mhm_reads_as_published() {
         assert!(cells[0x74..0x78].iter().all(|cell| *cell == Cell::Refused));
         assert_eq!(bytes(0x78..0x80), *b"MHM#D\0iC");
     });
+}
+
+/// Whichever bank was selected, and however many are looked at.
+#[test]
+fn asking_for_identity_leaves_the_bank() {
+    for bank in [0, 2, 4, 0x10] {
+        let mut link = sim("frame=st12,nE,nW,crc6");
+        assert!(link.slave(|slave| slave.poke(0, 0, BANK_SELECT, bank)));
+        let watch = link.clone();
+        let bus = with(&mut link, |registers| identify::ask(registers, true)).unwrap();
+        assert_eq!((bus.present, bus.failed.len()), (1, 0));
+        let selected = watch.slave(|slave| slave.peek(0, 0, BANK_SELECT));
+        assert_eq!(selected, Some(bank));
+    }
 }
