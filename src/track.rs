@@ -54,6 +54,11 @@ impl Tracker {
         let (Some(head), true) = (cycle.head(), cycle.fault().is_none()) else {
             return Verdict::Stands;
         };
+        if cycle.words().is_empty() {
+            self.heads.reach(head.clocks());
+            self.delay_clk = self.delay_clk.max(Some(head.delay_clk));
+            return Verdict::Stands;
+        }
         let good = cycle
             .words()
             .iter()
@@ -193,6 +198,12 @@ struct Candidate {
 const CANDIDATE_FRAMES: u8 = 8;
 
 impl Heads {
+    /// A head without a word: no CRC tells which start bit is right, so none is doubted. Clocks are planned for the longest.
+    fn reach(&mut self, clocks: u16) {
+        let (low, high) = self.range.unwrap_or((clocks, clocks));
+        self.range = Some((low.min(clocks), high.max(clocks)));
+    }
+
     /// Whether a frame of this length counts. `sound` frames have no bad word.
     fn learn(&mut self, clocks: u16, sound: bool) -> bool {
         if self

@@ -276,3 +276,21 @@ fn asking_for_identity_leaves_the_bank() {
         assert_eq!(selected, Some(bank));
     }
 }
+
+/// A late link plans its clocks. Heads of frames that take more of them than is usual, always or now and then, must not
+/// cut one frame in two: the slaves would never come to rest.
+#[test]
+fn a_late_master_learns_how_long_heads_are() {
+    for knob in [
+        "busy=15us",
+        "busy=30us",
+        "ack=20",
+        "delay=30us",
+        "busy=2us..12us",
+    ] {
+        let mut link = sim_wave(&format!("device=mhm,{knob}"));
+        let bytes = with(&mut link, |registers| registers.read(0, 0x78, 8));
+        let bytes = bytes.unwrap_or_else(|trouble| panic!("{knob}: {trouble}"));
+        assert_eq!(bytes, b"MHM#D\0iC", "{knob}");
+    }
+}
