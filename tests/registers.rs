@@ -8,8 +8,10 @@ mod links;
 use biss::control::{Access, Failure, REST_FRAMES};
 use biss::identify;
 use biss::link::Link;
+use biss::link::sim::Controller;
+use biss::link::wave::Options;
 use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
-use links::{HasSlave, map, sim, sim_wave, with};
+use links::{HasSlave, map, sim, sim_wave, sim_wave_on, with};
 use std::collections::BTreeMap;
 
 fn failure(trouble: &Trouble) -> Failure {
@@ -292,5 +294,35 @@ fn a_late_master_learns_how_long_heads_are() {
         let bytes = with(&mut link, |registers| registers.read(0, 0x78, 8));
         let bytes = bytes.unwrap_or_else(|trouble| panic!("{knob}: {trouble}"));
         assert_eq!(bytes, b"MHM#D\0iC", "{knob}");
+    }
+}
+
+/// Where MOSI rests low MA moves before and after each transfer. No slave may take that for a frame: it would take a bit of
+/// CDM from it.
+#[test]
+fn a_resting_mosi_is_no_bit() {
+    for timeout in ["12500ns", "20us", "40us"] {
+        for call_ns in [0, 10_000, 30_000, 100_000] {
+            let controller = Controller {
+                mosi_rests: Some(false),
+                call_ns,
+                ..Controller::default()
+            };
+            let options = Options {
+                idle: Some(false),
+                ..Options::default()
+            };
+            let config = format!("timeout={timeout},frame=st12,nE,nW,crc6");
+            let mut link = sim_wave_on(&config, controller, options);
+            let watch = link.clone();
+            with(&mut link, |registers| {
+                let bytes = registers.read(0, 0x78, 6).unwrap();
+                assert_eq!(bytes, b"BISSIM", "{timeout} {call_ns}");
+                registers.write(0, 0x50, &[1, 0xFF], true).unwrap();
+                assert_eq!(registers.retries(), 0, "{timeout} {call_ns}");
+            });
+            let written = [0x4F, 0x50, 0x51, 0x52].map(|at| watch.slave(|s| s.peek(0, 0, at)));
+            assert_eq!(written, [Some(0), Some(1), Some(0xFF), Some(0)]);
+        }
     }
 }

@@ -3,8 +3,8 @@
 //!
 //! The pattern begins and ends with MA high. Where MOSI rests between transfers is the driver's business: most leave it
 //! at the last bit or pull it low, few can be told. Resting where MA is low, it makes an edge of MA before each transfer and
-//! one after it. A slave with a static timeout bears that: it is given 40 µs of MA high to forget the first one, and its
-//! timeout is over before the second one.
+//! one after it. A slave with a static timeout bears that: after the first one it is given 40 µs of MA high, its timeout is
+//! over before the second one, and again before the next transfer, so that both together begin no frame.
 
 use super::bus::{self, Bus, DMA_BYTES, SpiBus};
 use super::{Caps, Clock, Error, Known, Link};
@@ -253,7 +253,10 @@ impl<B: Bus> Wave<B> {
     fn cycle(&mut self, ask: &Ask, trace: &mut Trace) -> Result<(), Error> {
         trace.reset();
         let clocks = self.planned(&ask.clocks)?;
-        if let (Some(ready_ns), false) = (ask.clocks.ready_ns, self.ready) {
+        // Where MOSI rests low MA has fallen after the last transfer. While the slave waits for more of that frame the edge that
+        // begins this one would be its first, and the lead a frame without clocks, from which it takes CDM = 0.
+        let armed = !self.options.ma_rests_high();
+        if let Some(ready_ns) = ask.clocks.ready_ns.filter(|_| armed || !self.ready) {
             self.bus.until(self.last_end_ns + u64::from(ready_ns));
         }
         let plan = self.plan(clocks, &ask.clocks);
