@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 #![allow(unsafe_code)]
 
+use biss::control::Access;
 use biss::frame::BissC;
 use biss::link::sim::{Controller, SimBus};
 use biss::link::wave::{Options, Wave};
@@ -46,19 +47,34 @@ static COUNTING: Counting = Counting;
 
 const PAIR: &str = "mt12,st24,nE,nW,crc6+mt12,st24,nE,nW,lc6,crc16";
 
-/// Allocations of 1000 frames after the first ones, most of which are good.
-fn allocations(link: &mut dyn Link) -> u64 {
+/// Allocations of 1000 frames after the first ones, most of which are good. With registers, some are read all the time.
+fn allocations(link: &mut dyn Link, registers: bool) -> u64 {
     let protocol = BissC::new(PAIR.parse().unwrap());
     let mut master = Master::new(link, &protocol, Some(1));
     master.open().unwrap();
+    let access = Access::Read {
+        slave: 0,
+        address: 0x40,
+        count: 8,
+    };
+    let mut read = 0;
     let mut run = |frames: u64| {
+        if registers {
+            master.ask(access).unwrap();
+        }
         let before = ALLOCATIONS.get();
         let good = (0..frames)
             .filter(|_| {
-                master
+                let good = master
                     .slot(0, None)
                     .map(|_| master.cycle().is_good())
-                    .unwrap()
+                    .unwrap();
+                if let Some(outcome) = master.outcome() {
+                    assert_eq!(outcome.failure, None);
+                    read += 1;
+                    master.ask(access).unwrap();
+                }
+                good
             })
             .count();
         (ALLOCATIONS.get() - before, good)
@@ -66,6 +82,7 @@ fn allocations(link: &mut dyn Link) -> u64 {
     run(100);
     let (allocations, good) = run(1000);
     assert!(good > 900, "{good}");
+    assert_eq!(read > 5, registers, "{read} accesses");
     allocations
 }
 
@@ -77,11 +94,17 @@ fn a_frame_allocates_nothing() {
     let config = |text: &str| -> Config { format!("{text},frame={PAIR}").parse().unwrap() };
     let mut link = sim::open(config("delay=3.3us,busy=2us..6us,crc-error=5%"));
     link.set_clock(Hertz(2_000_000)).unwrap();
-    assert_eq!(allocations(&mut link), 0, "edge by edge");
+    assert_eq!(allocations(&mut link, false), 0, "edge by edge");
+    let mut link = sim::open(config("busy=2us..6us,crc-error=5%"));
+    assert_eq!(allocations(&mut link, true), 0, "with registers");
     let mut link = sim::open(config("slaves=each,sli=mo,busy=2us..6us,crc-error=5%"));
     link.set_clock(Hertz(2_000_000)).unwrap();
-    assert_eq!(allocations(&mut link), 0, "a chain");
+    assert_eq!(allocations(&mut link, false), 0, "a chain");
     let bus = SimBus::new(config("delay=3.3us,crc-error=5%"), Controller::default());
     let mut link = Wave::new(bus, Options::default(), Some(Hertz(2_000_000))).unwrap();
-    assert_eq!(allocations(&mut link), 0, "as a pattern");
+    assert_eq!(
+        allocations(&mut link, true),
+        0,
+        "as a pattern, with registers"
+    );
 }
