@@ -9,41 +9,157 @@ use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
 use clap::builder::Resettable;
 use clap::error::ContextKind;
-use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{ArgMatches, Args, ValueEnum};
 use std::env;
 use std::str::FromStr;
 
-/// Read BiSS-C encoders on plain Linux pins.
-#[derive(Debug, Parser)]
-#[command(name = "biss", version, max_term_width = 100, after_help = EXAMPLES)]
-pub(crate) struct Cli {
-    #[command(subcommand)]
-    pub(crate) command: Command,
+/// What was typed, checked word by word.
+#[derive(Debug)]
+pub(crate) enum Command {
+    Read(Box<Read>),
+    Reg(Box<Reg>),
+    Send(Box<Send>),
+    Info(Box<Info>),
+    List(List),
+    Loopback(Box<Loopback>),
 }
 
-/// The command line. A variable that is set to nothing counts as not set: so shells take one back.
-pub(crate) fn command() -> clap::Command {
-    let mut command = Cli::command();
+/// A verb, and what may stand behind it.
+struct Verb {
+    name: &'static str,
+    about: &'static str,
+    before_help: &'static str,
+    after_help: &'static str,
+    /// Adds its arguments.
+    takes: fn(clap::Command) -> clap::Command,
+    parse: fn(&ArgMatches) -> Result<Command, clap::Error>,
+}
+
+const VERBS: [Verb; 6] = [
+    Verb {
+        name: "read",
+        about: "Read frames and print them, one record a line",
+        before_help: "",
+        after_help: READ_HELP,
+        takes: takes::<Read>,
+        parse: |typed| parse(typed, Command::Read),
+    },
+    Verb {
+        name: "reg",
+        about: "Registers of the slaves: read, write, dump, save, load",
+        before_help: reg::REG_WARNING,
+        after_help: reg::REG_HELP,
+        takes: takes::<Reg>,
+        parse: |typed| parse(typed, Command::Reg),
+    },
+    Verb {
+        name: "command",
+        about: "Tell slaves to do something",
+        before_help: reg::COMMAND_WARNING,
+        after_help: reg::COMMAND_HELP,
+        takes: takes_code,
+        parse: |typed| parse(typed, Command::Send),
+    },
+    Verb {
+        name: "info",
+        about: "Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows",
+        before_help: "",
+        after_help: INFO_HELP,
+        takes: takes::<Info>,
+        parse: |typed| parse(typed, Command::Info),
+    },
+    Verb {
+        name: "list",
+        about: "What this machine offers, what is missing, and what helps",
+        before_help: "",
+        after_help: LIST_HELP,
+        takes: takes::<List>,
+        parse: |typed| parse(typed, |list: Box<List>| Command::List(*list)),
+    },
+    Verb {
+        name: "loopback",
+        about: "The master against a slave of its own: in process, or over jumpered pins",
+        before_help: "",
+        after_help: LOOPBACK_HELP,
+        takes: takes::<Loopback>,
+        parse: |typed| parse(typed, Command::Loopback),
+    },
+];
+
+fn parse<A: Args>(
+    typed: &ArgMatches,
+    verb: impl FnOnce(Box<A>) -> Command,
+) -> Result<Command, clap::Error> {
+    A::from_arg_matches(typed).map(|args| verb(Box::new(args)))
+}
+
+/// A variable that is set to nothing counts as not set: so shells take one back.
+fn takes<A: Args>(verb: clap::Command) -> clap::Command {
+    // What describes a group of arguments in the source is not meant for users.
+    let about = verb.get_about().cloned().unwrap_or_default();
+    let mut verb = A::augment_args(verb).about(about);
     for (arg, variable) in [("link", LINK_VARIABLE), ("frame", FRAME_VARIABLE)] {
         if env::var_os(variable).is_some_and(|value| value.is_empty()) {
-            let unset = |known: clap::Arg| match known.get_id() == arg {
+            verb = verb.mut_args(|known| match known.get_id() == arg {
                 true => known.env(Resettable::Reset),
                 false => known,
-            };
-            command = command.mut_subcommands(|verb| verb.mut_args(unset));
+            });
         }
     }
-    // What is set need not be typed, though another argument stands behind it.
-    if env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty()) {
-        command = command.mut_subcommand("command", |verb| {
-            verb.allow_missing_positional(true)
-                .mut_args(|arg| match arg.get_id() == "link" {
-                    true => arg.required(false),
-                    false => arg,
-                })
-        });
+    verb
+}
+
+/// The link need not be typed where it is set, though another argument stands behind it.
+fn takes_code(verb: clap::Command) -> clap::Command {
+    let verb = takes::<Send>(verb);
+    if env::var_os(LINK_VARIABLE).is_none_or(|value| value.is_empty()) {
+        return verb;
     }
-    command
+    verb.allow_missing_positional(true)
+        .mut_args(|arg| match arg.get_id() == "link" {
+            true => arg.required(false),
+            false => arg,
+        })
+}
+
+/// The command line. Only the arguments of the verb that was typed are made: those of all are a third of a short run.
+pub(crate) fn command() -> clap::Command {
+    with_verbs(|verb, command| command.defer(verb.takes))
+}
+
+fn with_verbs(take: impl Fn(&Verb, clap::Command) -> clap::Command) -> clap::Command {
+    let verbs = VERBS.iter().map(|verb| {
+        let mut command = clap::Command::new(verb.name)
+            .about(verb.about)
+            .after_help(verb.after_help);
+        if !verb.before_help.is_empty() {
+            command = command.before_help(verb.before_help);
+        }
+        take(verb, command)
+    });
+    clap::Command::new("biss")
+        .version(env!("CARGO_PKG_VERSION"))
+        .about("Read BiSS-C encoders on plain Linux pins")
+        .max_term_width(100)
+        .after_help(EXAMPLES)
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .subcommands(verbs)
+}
+
+/// What was typed.
+///
+/// # Errors
+/// When it is no verb, or what stands behind it does not fit.
+pub(crate) fn typed(matches: &ArgMatches) -> Result<Command, clap::Error> {
+    let verb = matches.subcommand().and_then(|(name, typed)| {
+        let verb = VERBS.iter().find(|verb| verb.name == name)?;
+        Some((verb, typed))
+    });
+    match verb {
+        Some((verb, typed)) => (verb.parse)(typed),
+        None => Err(command().error(clap::error::ErrorKind::MissingSubcommand, "no verb")),
+    }
 }
 
 /// What is wrong with the command line, and which variable a value came from that nobody typed.
@@ -74,33 +190,6 @@ Examples:
   biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording
   biss list                                                    what this machine has for an encoder
   biss loopback                                                the program against itself";
-
-#[derive(Debug, Subcommand)]
-pub(crate) enum Command {
-    /// Read frames and print them, one record a line
-    #[command(after_help = READ_HELP)]
-    Read(Box<Read>),
-
-    /// Registers of the slaves: read, write, dump, save, load
-    #[command(before_help = reg::REG_WARNING, after_help = reg::REG_HELP)]
-    Reg(Box<Reg>),
-
-    /// Tell slaves to do something
-    #[command(name = "command", before_help = reg::COMMAND_WARNING, after_help = reg::COMMAND_HELP)]
-    Send(Box<reg::Send>),
-
-    /// Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows
-    #[command(after_help = INFO_HELP)]
-    Info(Box<Info>),
-
-    /// What this machine offers, what is missing, and what helps
-    #[command(after_help = LIST_HELP)]
-    List(List),
-
-    /// The master against a slave of its own: in process, or over jumpered pins
-    #[command(after_help = LOOPBACK_HELP)]
-    Loopback(Box<Loopback>),
-}
 
 const READ_HELP: &str = "\
 Links:

@@ -5,9 +5,9 @@ mod cmd;
 mod output;
 mod sys;
 
+use clap::ArgMatches;
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
-use clap::{ArgMatches, FromArgMatches};
 use cmd::Outcome;
 use std::process::ExitCode;
 
@@ -31,11 +31,11 @@ fn main() -> ExitCode {
 }
 
 fn run(matches: &ArgMatches) -> ExitCode {
-    let cli = cli::Cli::from_arg_matches(matches).unwrap_or_else(|error| error.exit());
+    let command = cli::typed(matches).unwrap_or_else(|error| error.exit());
     let frame_given = matches
         .subcommand_matches("read")
         .is_some_and(|read| read.value_source("frame") == Some(ValueSource::CommandLine));
-    let result = match cli.command {
+    let result = match command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),
         cli::Command::Reg(args) => cmd::reg::run(*args),

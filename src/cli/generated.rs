@@ -2,18 +2,23 @@
 //!
 //! `BISS_BLESS=1 cargo test --bin biss generated` writes them anew.
 
-use super::Cli;
+use super::with_verbs;
 use clap::builder::{PossibleValue, PossibleValuesParser};
-use clap::{Arg, Command, CommandFactory, ValueHint};
+use clap::{Arg, Command, ValueHint};
 use clap_complete::{Shell, generate};
 use clap_mangen::Man;
 use clap_mangen::roff::{Inline, Roff, bold, italic, roman};
 use std::fs;
 use std::path::Path;
 
+/// All verbs with all their arguments.
+fn whole() -> Command {
+    with_verbs(|verb, command| (verb.takes)(command))
+}
+
 /// Every verb but `help`, with the names of its options filled in.
 fn verbs() -> Vec<Command> {
-    let mut command = Cli::command().disable_help_subcommand(true);
+    let mut command = whole().disable_help_subcommand(true);
     command.build();
     command.get_subcommands().cloned().collect()
 }
@@ -149,7 +154,7 @@ fn all_hinted(verb: Command) -> Command {
 }
 
 fn completions(shell: Shell) -> String {
-    let mut command = Cli::command();
+    let mut command = whole();
     for verb in verbs() {
         command = command.mut_subcommand(verb.get_name(), all_hinted);
     }
@@ -353,7 +358,7 @@ const ENVIRONMENT: [(&str, &str); 2] = [
 ];
 
 fn man_page() -> String {
-    let command = Cli::command();
+    let command = whole();
     let mut page = Page(String::new());
     // Not by clap_mangen, which loses the date when it is empty.
     let version = env!("CARGO_PKG_VERSION");
