@@ -403,7 +403,8 @@ pub struct Outcome {
     /// What was read, or written and echoed: all of it without a failure, else what came before it.
     pub bytes: Bytes,
     /// Bytes for which S had to be repeated, bit k for byte k: because the slave was busy, or because a bit error hid its
-    /// echo. Then what was read is shifted, and 1 in 16 such bytes passes its CRC, so it takes a second reading.
+    /// echo; and those for which a late link may have seen an echo that was none. Then what was read may be shifted. No
+    /// shift alone passes the CRC, but one more bit error can hide it, so it takes a second reading.
     pub waited: u128,
     /// Control frames that had to be given up.
     pub retries: u32,

@@ -386,3 +386,25 @@ fn any_number_of_retries_can_be_counted() {
     }
     assert!(control.is_busy());
 }
+
+/// On a late link S may be out when its echo is seen before it comes. Then what comes is a frame late, and the last bit of the
+/// CRC stands where P is awaited. With one more bit error the CRC is good: it takes a second reading.
+#[test]
+fn a_byte_that_may_have_come_late_is_doubtful() {
+    // 0x11 has the CRC 1001: 1 0001 0001 100|1, with one bit wrong.
+    let shifted = "100010101100";
+    let head = "0100000000000000010";
+    let access = read(0, 0x78, 1);
+    let (_, ended) = run(access, &format!("{head}1{shifted}1"), true);
+    let ended = ended.unwrap();
+    assert_eq!((ended.failure, ended.waited), (None, 1));
+    assert_eq!(ended.bytes.as_slice(), [0x8A]);
+    // Where S is not repeated nothing comes after an echo that was none.
+    let (_, ended) = run(access, &format!("{head}1{shifted}1"), false);
+    assert_eq!(ended.unwrap().waited, 0);
+    // Where P says that there is more, no bit of a CRC is in its place.
+    let (_, ended) = run(read(0, 0x78, 2), &format!("{head}1{shifted}0"), true);
+    assert!(ended.is_none());
+    let (_, ended) = run(access, &format!("{head}1{shifted}0"), true);
+    assert_eq!(ended.unwrap().waited, 0);
+}

@@ -28,7 +28,7 @@ pub(super) enum Progress {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Came {
     pub(super) byte: u8,
-    /// S had to be repeated for it.
+    /// S had to be repeated for it, or was before its echo was seen.
     pub(super) waited: bool,
 }
 
@@ -71,6 +71,8 @@ pub(super) struct Exchange {
     bits: u16,
     /// S was not echoed at once before the byte under way.
     waited: bool,
+    /// S was out again when its echo was seen.
+    repeated: bool,
     ida: u8,
 }
 
@@ -90,6 +92,7 @@ impl Exchange {
             done: 0,
             bits: 0,
             waited: false,
+            repeated: false,
             ida: 0,
         }
     }
@@ -155,7 +158,7 @@ impl Exchange {
             Stage::Header(n) => self.header(n, cds),
             Stage::Acknowledge => self.acknowledge(t_ns, cds),
             Stage::Await { .. } if cds => {
-                (self.stage, self.bits) = (Stage::Byte(1), 0);
+                (self.stage, self.bits, self.repeated) = (Stage::Byte(1), 0, cdm);
                 Progress::Going
             }
             Stage::Await { first_ns, last_ns } => self.waits(t_ns, first_ns, last_ns),
@@ -296,9 +299,11 @@ impl Exchange {
 
     /// P has come: the next address is there or not.
     fn ends_byte(&mut self, t_ns: u64, p: bool) -> Progress {
+        // An echo seen before it came, and the byte is a frame late: P is the last bit of its CRC.
+        let late = self.repeated && p && matches!(self.aim, Aim::Read { .. });
         let came = Came {
             byte: (self.bits >> 4) as u8,
-            waited: std::mem::take(&mut self.waited),
+            waited: std::mem::take(&mut self.waited) || late,
         };
         let more = self.more();
         self.done += 1;

@@ -1,0 +1,189 @@
+//! Registers over a wire with bit errors: what CRC-4 lets pass is counted beside what its mathematics allows.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+mod common;
+#[path = "common/links.rs"]
+mod links;
+
+use biss::frame::BissC;
+use biss::link::Link;
+use biss::master::Master;
+use biss::registers::{Cell, Registers, Trouble};
+use links::{HasSlave, sim, sim_wave};
+
+/// x⁴+x+1 over `bits`, and the remainder behind them, inverted.
+fn crc4(bits: u32, len: u32) -> u32 {
+    let mut rest = bits << 4;
+    for place in (0..len).rev() {
+        if rest >> (place + 4) & 1 == 1 {
+            rest ^= 0b10011 << place;
+        }
+    }
+    rest ^ 0xF
+}
+
+/// How many patterns of so many bit errors turn a word of `len` bits and CRC into another one that is right.
+fn undetected(len: u32) -> Vec<u64> {
+    let zero = crc4(0, len);
+    let mut counts = vec![0; len as usize + 5];
+    for bits in 1..1u32 << len {
+        let word = bits << 4 | crc4(bits, len) ^ zero;
+        counts[word.count_ones() as usize] += 1;
+    }
+    counts
+}
+
+/// How likely it is that a word with a good CRC is not the one that was sent, each bit being wrong with `p`.
+fn share_of_wrong(counts: &[u64], p: f64) -> f64 {
+    let bits = counts.len() - 1;
+    let pattern = |w: usize| p.powi(w as i32) * (1.0 - p).powi((bits - w) as i32);
+    let wrong: f64 = counts
+        .iter()
+        .enumerate()
+        .map(|(w, count)| *count as f64 * pattern(w))
+        .sum();
+    wrong / (wrong + pattern(0))
+}
+
+/// No more than this where `mean` are to be expected: six standard deviations, and a few.
+fn at_most(mean: f64) -> u64 {
+    (mean + 6.0 * mean.sqrt() + 3.0) as u64
+}
+
+#[test]
+fn the_codes_have_the_known_weights() {
+    let data = undetected(8);
+    assert_eq!((&data[..4], data[3]), (&[0, 0, 0, 17][..], 17), "of 220");
+    let header = undetected(11);
+    assert_eq!(&header[..4], [0, 0, 0, 35], "of 455");
+}
+
+#[derive(Debug, Default)]
+struct Count {
+    right: u64,
+    wrong: u64,
+    refused: u64,
+    failed: u64,
+    retries: u64,
+    frames: u64,
+}
+
+impl Count {
+    fn add(&mut self, cells: &[Cell], want: &[u8]) {
+        for (cell, want) in cells.iter().zip(want) {
+            match cell {
+                Cell::Byte(byte) if byte == want => self.right += 1,
+                Cell::Byte(_) => self.wrong += 1,
+                Cell::Refused => self.refused += 1,
+                Cell::Failed(_) => self.failed += 1,
+            }
+        }
+    }
+}
+
+/// Addresses that can be written, whatever is behind them.
+const OPEN: std::ops::Range<u16> = 0x00..0x40;
+
+/// Reads a window full of chance so many times.
+fn reads<L: Link + HasSlave + Clone>(
+    mut link: L,
+    rng: &mut fastrand::Rng,
+    verify: bool,
+    rounds: usize,
+    count: &mut Count,
+) {
+    let watch = link.clone();
+    let protocol = BissC::head_only();
+    let mut master = Master::new(&mut link, &protocol, None);
+    assert!(master.open().unwrap());
+    let mut registers = Registers::new(&mut master);
+    registers.verify(verify);
+    for _ in 0..rounds {
+        let want: Vec<u8> = OPEN.map(|_| rng.u8(..)).collect();
+        watch.slave(|slave| {
+            let poked = OPEN
+                .zip(&want)
+                .all(|(at, byte)| slave.poke(0, 0, at as u8, *byte));
+            assert!(poked);
+        });
+        let mut at = OPEN.start;
+        while at < OPEN.end {
+            match registers.cells(0, at..OPEN.end) {
+                Ok(cells) => {
+                    count.add(&cells, &want[usize::from(at)..]);
+                    at += cells.len() as u16;
+                }
+                Err(Trouble::Slave { .. }) => {
+                    count.failed += 1;
+                    at += 1;
+                }
+                Err(other) => panic!("{other}"),
+            }
+        }
+    }
+    count.retries += registers.retries();
+    count.frames += registers.frames();
+}
+
+const ONE: &str = "frame=st12,nE,nW,crc6";
+
+fn campaign(verify: bool, (late, busy): (bool, bool), p: f64, rounds: usize) -> Count {
+    let mut rng = common::rng();
+    let mut count = Count::default();
+    let mut left = common::size(rounds);
+    while left > 0 {
+        let rounds = left.min(20);
+        left -= rounds;
+        let busy = if busy { "reg-busy=0us..300us," } else { "" };
+        let config = format!("seed={},cds-flip={p},{busy}{ONE}", rng.u32(..));
+        match late {
+            true => reads(sim_wave(&config), &mut rng, verify, rounds, &mut count),
+            false => reads(sim(&config), &mut rng, verify, rounds, &mut count),
+        }
+    }
+    count
+}
+
+/// A link that reacts or is late, a slave that is busy or never.
+const WAYS: [(bool, bool); 4] = [(false, false), (false, true), (true, false), (true, true)];
+
+/// A byte that comes a frame late, or whose S was missed so that its first 1 is taken for it, never has a good CRC: it takes a
+/// second bit error to hide that.
+#[test]
+fn no_shift_alone_passes() {
+    for byte in 0..=255u32 {
+        let word = byte << 4 | crc4(byte, 8);
+        let first = 31 - word.leading_zeros();
+        for p in 0..=1 {
+            // P follows the CRC, and nothing follows P.
+            let missed = (word << 1 | p) << (11 - first) & 0xFFF;
+            let early = 0x800 | word >> 1;
+            for shifted in [missed, early] {
+                assert_ne!(crc4(shifted >> 4, 8), shifted & 0xF, "{byte:#x}");
+            }
+        }
+    }
+}
+
+#[test]
+fn wrong_bytes_are_as_rare_as_crc4_makes_them() {
+    let p = 0.01;
+    let share = share_of_wrong(&undetected(8), p);
+    for way in WAYS {
+        let count = campaign(false, way, p, 40);
+        let mean = share * (count.right + count.wrong) as f64;
+        println!("late, busy {way:?}: {count:?}, {mean:.1} wrong are allowed");
+        assert!(count.right > 10 * count.failed);
+        assert!(count.wrong <= at_most(mean));
+    }
+}
+
+#[test]
+fn no_byte_that_was_read_twice_is_wrong() {
+    for way in WAYS {
+        let count = campaign(true, way, 0.01, 15);
+        println!("late, busy {way:?}: {count:?}");
+        assert_eq!(count.wrong, 0);
+        assert!(count.right > 10 * count.failed);
+    }
+}
