@@ -226,13 +226,21 @@ impl<'m, 'a> Registers<'m, 'a> {
     /// # Errors
     /// When nobody is there at all, or the link fails.
     pub fn cells(&mut self, slave: u8, addresses: Range<u16>) -> Result<Vec<Cell>, Trouble> {
-        let mut doubtful = Vec::new();
-        let mut cells = self.cells_once(slave, addresses.clone(), &mut doubtful)?;
-        if self.verify {
-            doubtful = (0..cells.len()).collect();
+        let mut cells = Vec::new();
+        loop {
+            let start = addresses.start.saturating_add(cells.len() as u16);
+            if start >= addresses.end || matches!(cells.last(), Some(Cell::Failed(_))) {
+                return Ok(cells);
+            }
+            let mut doubtful = Vec::new();
+            let mut part = self.cells_once(slave, start..addresses.end, &mut doubtful)?;
+            if self.verify {
+                doubtful = (0..part.len()).collect();
+            }
+            self.read_again(slave, start, doubtful, &mut part)?;
+            // What could not be read at first may have been later: then there is more behind it.
+            cells.append(&mut part);
         }
-        self.read_again(slave, addresses.start, doubtful, &mut cells)?;
-        Ok(cells)
     }
 
     /// Reads once. What needs a second reading is added to `doubtful`, counted from the first address.
@@ -291,24 +299,25 @@ impl<'m, 'a> Registers<'m, 'a> {
         cells: &mut [Cell],
     ) -> Result<(), Trouble> {
         for reading in 1..READINGS {
+            let last = reading == READINGS - 1;
             let mut differ = Vec::new();
             for run in runs(&open) {
                 let addresses = start + run.start as u16..start + run.end as u16;
                 let again = self.cells_once(slave, addresses, &mut Vec::new())?;
-                for (index, cell) in run.zip(again) {
-                    let before = std::mem::replace(&mut cells[index], cell);
-                    if before == cell {
+                for (at, index) in run.enumerate() {
+                    let (before, now) = (cells[index], again.get(at).copied());
+                    if now == Some(before) {
                         continue;
                     }
                     differ.push(index);
-                    if let (Cell::Byte(first), Cell::Byte(second), true) =
-                        (before, cell, reading == READINGS - 1)
-                    {
-                        cells[index] = Cell::Failed(Failure::Unsteady {
-                            address: (start + index as u16) as u8,
-                            first,
-                            second,
-                        });
+                    let address = (start + index as u16) as u8;
+                    match (now, again.last()) {
+                        (_, Some(end)) if last => {
+                            cells[index] = unsettled(address, before, now.unwrap_or(*end));
+                        }
+                        (Some(now), _) => cells[index] = now,
+                        // Behind one that could not be read nothing was: what was there is still to be confirmed.
+                        (None, _) => {}
                     }
                 }
             }
@@ -448,6 +457,19 @@ impl<'m, 'a> Registers<'m, 'a> {
         let result = result?;
         restored.map(|()| result)
     }
+}
+
+/// What two readings come to that do not agree.
+fn unsettled(address: u8, before: Cell, now: Cell) -> Cell {
+    Cell::Failed(match (before, now) {
+        (_, Cell::Failed(failure)) | (Cell::Failed(failure), _) => failure,
+        (Cell::Byte(first), Cell::Byte(second)) => Failure::Unsteady {
+            address,
+            first,
+            second,
+        },
+        (Cell::Refused, _) | (_, Cell::Refused) => Failure::Refused { address },
+    })
 }
 
 /// Numbers in order as ranges without gaps.

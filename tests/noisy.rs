@@ -5,11 +5,12 @@ mod common;
 #[path = "common/links.rs"]
 mod links;
 
+use biss::control::Failure;
 use biss::frame::BissC;
 use biss::link::Link;
 use biss::master::Master;
 use biss::registers::{Cell, Registers, Trouble};
-use links::{HasSlave, sim, sim_wave};
+use links::{HasSlave, map, sim, sim_wave};
 
 /// x⁴+x+1 over `bits`, and the remainder behind them, inverted.
 fn crc4(bits: u32, len: u32) -> u32 {
@@ -186,4 +187,85 @@ fn no_byte_that_was_read_twice_is_wrong() {
         assert_eq!(count.wrong, 0);
         assert!(count.right > 10 * count.failed);
     }
+}
+
+/// Registers that change with every reading never read the same twice, so none of them is ever verified: however a reading
+/// ends, the one before it does not count alone.
+#[test]
+fn what_was_read_once_is_not_verified() {
+    let mut rng = common::rng();
+    let (mut unsteady, mut other) = (0, 0);
+    for _ in 0..common::size(60) {
+        let p = *rng.choice(&[0.0, 0.001, 0.003, 0.01]).unwrap();
+        let mut link = sim(&format!("seed={},cds-flip={p},{ONE}", rng.u32(..)));
+        let watch = link.clone();
+        watch.slave(|slave| slave.record_events(true));
+        let value = std::cell::Cell::new(0u8);
+        let count = || {
+            watch.slave(|slave| {
+                if !slave.take_events().is_empty() {
+                    value.set(value.get().wrapping_add(1));
+                    assert!(OPEN.all(|at| slave.poke(0, 0, at as u8, value.get())));
+                }
+            });
+            false
+        };
+        let protocol = BissC::head_only();
+        let mut master = Master::new(&mut link, &protocol, None);
+        assert!(master.open().unwrap());
+        master.stop_when(&count);
+        master.set_access_retries(rng.u32(0..=2));
+        let mut registers = Registers::new(&mut master);
+        registers.verify(true);
+        let end = rng.u16(1..=20);
+        let Ok(cells) = registers.cells(0, 0..end) else {
+            continue;
+        };
+        for cell in cells {
+            match cell {
+                Cell::Failed(Failure::Unsteady { .. }) => unsteady += 1,
+                Cell::Failed(_) => other += 1,
+                Cell::Refused | Cell::Byte(_) => panic!("{cell:?} at {p}"),
+            }
+        }
+    }
+    println!("{unsteady} unsteady, {other} otherwise");
+    assert!(unsteady > 0 && other > 0);
+}
+
+/// All that was asked for, or an error: a reading that ends early is no shorter answer. Nor does it stand for what was not
+/// read back of a write.
+#[test]
+fn an_answer_is_whole() {
+    let mut rng = common::rng();
+    let (mut read, mut failed) = (0, 0);
+    for _ in 0..common::size(150) {
+        let p = *rng.choice(&[0.001, 0.003]).unwrap();
+        let mut link = sim(&format!(
+            "seed={},cds-flip={p},write-lost=0.03,{ONE}",
+            rng.u32(..)
+        ));
+        let watch = link.clone();
+        let protocol = BissC::head_only();
+        let mut master = Master::new(&mut link, &protocol, None);
+        assert!(master.open().unwrap());
+        master.set_access_retries(rng.u32(0..=1));
+        let mut registers = Registers::new(&mut master);
+        registers.verify(true);
+        let count = rng.u8(1..=20);
+        match registers.read(0, 0, count) {
+            Ok(bytes) => assert_eq!(bytes, vec![0; count.into()]),
+            Err(_) => failed += 1,
+        }
+        let data: Vec<u8> = (0..count).map(|_| rng.u8(1..)).collect();
+        if registers.write(0, 0, &data, true).is_ok() {
+            let there = watch.slave(|slave| map(slave, &[0]));
+            for (address, byte) in (0..).zip(&data) {
+                assert_eq!(there.get(&(0, 0, address)), Some(byte), "{address:#x}");
+            }
+            read += 1;
+        }
+    }
+    println!("{read} written, {failed} not read");
+    assert!(read > 0 && failed > 0);
 }
