@@ -1,7 +1,7 @@
 //! Registers and commands, one call each: runs frames until an access has ended, checks what was read and written, and
 //! leaves banks as it found them.
 
-use crate::control::{Access, Failure, Outcome};
+use crate::control::{ADDRESSES, Access, Failure, Outcome};
 use crate::cycle::Fault;
 use crate::link::Error;
 use crate::master::{Master, Slot};
@@ -226,6 +226,7 @@ impl<'m, 'a> Registers<'m, 'a> {
     /// # Errors
     /// When nobody is there at all, or the link fails.
     pub fn cells(&mut self, slave: u8, addresses: Range<u16>) -> Result<Vec<Cell>, Trouble> {
+        reaches(addresses.start.into(), addresses.len())?;
         let mut cells = Vec::new();
         loop {
             let start = addresses.start.saturating_add(cells.len() as u16);
@@ -339,6 +340,7 @@ impl<'m, 'a> Registers<'m, 'a> {
         data: &[u8],
         check: bool,
     ) -> Result<(), Trouble> {
+        reaches(address.into(), data.len())?;
         let outcome = self.access(Access::Write {
             slave,
             address,
@@ -457,6 +459,20 @@ impl<'m, 'a> Registers<'m, 'a> {
         let result = result?;
         restored.map(|()| result)
     }
+}
+
+/// Whether so many registers are there, before their number is cut to what a control frame can say.
+fn reaches(address: usize, count: usize) -> Result<(), Error> {
+    let end = address + count;
+    if end <= usize::from(ADDRESSES) {
+        return Ok(());
+    }
+    let said = format!("registers end at 0x7f, not at {:#04x}", end - 1);
+    Err(Error::new(
+        "talking to the slave's registers",
+        said,
+        "look at the addresses",
+    ))
 }
 
 /// What two readings come to that do not agree.

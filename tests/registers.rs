@@ -326,3 +326,24 @@ fn a_resting_mosi_is_no_bit() {
         }
     }
 }
+
+/// There are 128 registers: nothing beyond them is read from elsewhere, or left out of a write in silence.
+#[test]
+fn nothing_is_beyond_the_last_register() {
+    let mut link = sim("frame=st12,nE,nW,crc6");
+    let watch = link.clone();
+    watch.slave(|slave| slave.record_events(true));
+    with(&mut link, |registers| {
+        let beyond = |result: Result<(), Trouble>| {
+            let said = result.unwrap_err().to_string();
+            assert!(said.contains("registers end at 0x7f"), "{said}");
+        };
+        beyond(registers.write(0, 0, &[0; 129], true));
+        beyond(registers.write(0, 0, &[0; 384], true));
+        beyond(registers.write(0, 0x7F, &[0; 2], false));
+        beyond(registers.read(0, 0x7F, 2).map(drop));
+        beyond(registers.cells(0, 0..300).map(drop));
+        beyond(registers.cells(0, 0x150..0x152).map(drop));
+    });
+    assert_eq!(watch.slave(|slave| slave.take_events()), []);
+}
