@@ -412,7 +412,7 @@ pub struct Outcome {
     pub retried_for: Option<Failure>,
     /// Frames from the first S to the end of the last control frame, the rest between them included.
     pub frames: u32,
-    /// IDs taken in the last control frame: bit k for ID k, bit 8 for a ninth slave.
+    /// IDs taken in the last control frame that came so far: bit k for ID k, bit 8 for a ninth slave.
     pub idl: u16,
 }
 
@@ -661,7 +661,7 @@ impl Control {
         let Some(mut job) = self.job.take() else {
             return;
         };
-        job.outcome.idl = exchange.idl();
+        job.outcome.idl = exchange.idl().unwrap_or(job.outcome.idl);
         let Some(failure) = failure else {
             match job.left() {
                 0 => self.ended = Some(job.outcome),

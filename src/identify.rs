@@ -39,9 +39,19 @@ pub fn ask(registers: &mut Registers<'_, '_>, write: bool) -> Result<Bus, Troubl
         if slave > 0 && slave >= bus.present {
             break;
         }
-        let known = ask_one(registers, slave, write, &mut bus)?;
+        match ask_one(registers, slave, write, &mut bus) {
+            Ok(known) => bus.devices.push(known),
+            // A bit error looked like one more ID, once.
+            Err(Trouble::Slave {
+                failure: Failure::Absent { present, .. },
+                ..
+            }) if slave > 0 => {
+                bus.present = present;
+                break;
+            }
+            Err(other) => return Err(other),
+        }
         bus.present = bus.present.max(registers.present());
-        bus.devices.push(known);
     }
     Ok(bus)
 }

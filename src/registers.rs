@@ -98,7 +98,9 @@ pub struct Registers<'m, 'a> {
     /// What has to be brought to its end is, though it is time to end.
     finishing: bool,
     late: bool,
-    idl: u16,
+    /// IDs taken, and those of the last control frame, which one bit error can make others.
+    idl: Option<u16>,
+    idl_seen: Option<u16>,
     retries: u64,
     frames: u64,
 }
@@ -111,7 +113,8 @@ impl<'m, 'a> Registers<'m, 'a> {
             master,
             verify: false,
             finishing: false,
-            idl: 0,
+            idl: None,
+            idl_seen: None,
             retries: 0,
             frames: 0,
         }
@@ -123,9 +126,16 @@ impl<'m, 'a> Registers<'m, 'a> {
         self.verify = verify;
     }
 
-    /// Slaves that took an ID in the last control frame; 9 stands for nine or more.
+    /// Slaves that took an ID, as the last two control frames that agree have shown; 9 stands for nine or more.
     pub fn present(&self) -> u8 {
-        self.idl.trailing_ones() as u8
+        self.idl.map_or(0, |idl| idl.trailing_ones() as u8)
+    }
+
+    /// No CRC protects IDL: it is believed when it comes twice in a row.
+    fn took_ids(&mut self, idl: u16) {
+        if self.idl_seen.replace(idl) == Some(idl) || self.idl.is_none() {
+            self.idl = Some(idl);
+        }
     }
 
     /// Control frames given up and repeated so far.
@@ -157,8 +167,9 @@ impl<'m, 'a> Registers<'m, 'a> {
             self.frame()?;
             if let Some(outcome) = self.master.outcome() {
                 self.retries += u64::from(outcome.retries);
-                if outcome.frames > 0 {
-                    self.idl = outcome.idl;
+                let nobody = outcome.failure == Some(Failure::Unheard);
+                if nobody || outcome.idl != 0 {
+                    self.took_ids(outcome.idl);
                 }
                 return Ok(outcome);
             }

@@ -1,5 +1,5 @@
 //! Registers over whole frames: master and control machine on one side, the simulated slave on the other.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 mod common;
 #[path = "common/links.rs"]
@@ -346,4 +346,36 @@ fn nothing_is_beyond_the_last_register() {
         beyond(registers.cells(0, 0x150..0x152).map(drop));
     });
     assert_eq!(watch.slave(|slave| slave.take_events()), []);
+}
+
+/// A bit error in an IDL slot can look like one more slave. It answers to nothing, and spoils nothing.
+#[test]
+fn a_slave_that_is_not_there_is_not_reported() {
+    let mut rng = common::rng();
+    let mut asked = 0;
+    for _ in 0..common::size(60) {
+        let devices = rng.usize(1..=3);
+        let frame = vec!["st12,nE,nW,crc6"; devices].join("+");
+        let knobs = format!(
+            "seed={},cds-flip=0.003,slaves=each,frame={frame}",
+            rng.u32(..)
+        );
+        let mut link = sim(&knobs);
+        match with(&mut link, |registers| identify::ask(registers, false)) {
+            Ok(bus) => {
+                assert_eq!(usize::from(bus.present), devices, "{knobs}");
+                assert_eq!(bus.devices.len(), devices, "{knobs}");
+                asked += 1;
+            }
+            Err(Trouble::Slave { failure, .. }) => {
+                assert!(
+                    !matches!(failure, Failure::Absent { .. }),
+                    "{knobs}: {failure}"
+                );
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+    println!("{asked} asked");
+    assert!(asked > 0);
 }

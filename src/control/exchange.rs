@@ -97,8 +97,12 @@ impl Exchange {
         }
     }
 
-    pub(super) fn idl(&self) -> u16 {
-        self.idl
+    /// IDs taken, once all slaves have had their turn.
+    pub(super) fn idl(&self) -> Option<u16> {
+        match self.stage {
+            Stage::Header(n) if n <= *IDL.end() => None,
+            _ => Some(self.idl),
+        }
     }
 
     /// CDM of the next frame over its own CDS.
