@@ -240,7 +240,7 @@ fn an_answer_is_whole() {
     let mut rng = common::rng();
     let (mut read, mut failed) = (0, 0);
     for _ in 0..common::size(150) {
-        let p = *rng.choice(&[0.001, 0.003]).unwrap();
+        let p = *rng.choice(&[0.001, 0.003, 0.02]).unwrap();
         let mut link = sim(&format!(
             "seed={},cds-flip={p},write-lost=0.03,{ONE}",
             rng.u32(..)
