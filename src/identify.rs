@@ -51,7 +51,7 @@ pub fn ask(registers: &mut Registers<'_, '_>, write: bool) -> Result<Bus, Troubl
             }
             Err(other) => return Err(other),
         }
-        bus.present = bus.present.max(registers.present());
+        bus.present = bus.present.max(registers.count()?);
     }
     Ok(bus)
 }

@@ -101,6 +101,8 @@ pub struct Registers<'m, 'a> {
     /// IDs taken, and those of the last control frame, which one bit error can make others.
     idl: Option<u16>,
     idl_seen: Option<u16>,
+    /// They are the same.
+    agree: bool,
     retries: u64,
     frames: u64,
 }
@@ -115,6 +117,7 @@ impl<'m, 'a> Registers<'m, 'a> {
             finishing: false,
             idl: None,
             idl_seen: None,
+            agree: false,
             retries: 0,
             frames: 0,
         }
@@ -133,9 +136,28 @@ impl<'m, 'a> Registers<'m, 'a> {
 
     /// No CRC protects IDL: it is believed when it comes twice in a row.
     fn took_ids(&mut self, idl: u16) {
-        if self.idl_seen.replace(idl) == Some(idl) || self.idl.is_none() {
+        self.agree = self.idl_seen.replace(idl) == Some(idl);
+        if self.agree || self.idl.is_none() {
             self.idl = Some(idl);
         }
+    }
+
+    /// [`Registers::present`], after reading until two control frames agree.
+    ///
+    /// # Errors
+    /// When the link fails, or it is time to end.
+    pub fn count(&mut self) -> Result<u8, Trouble> {
+        for _ in 0..READINGS {
+            if self.agree {
+                break;
+            }
+            self.access(Access::Read {
+                slave: 0,
+                address: BANK_SELECT,
+                count: 1,
+            })?;
+        }
+        Ok(self.present())
     }
 
     /// Control frames given up and repeated so far.
