@@ -10,8 +10,9 @@
 //! ```
 //!
 //! Before S at least 14 frames have CDM = 0. They are counted anew after every frame that was not whole: the slave may
-//! have taken a bit of its own from it. Then the rest of a write is laid out so that no slave can take it for a byte that
-//! nobody wanted to write, wherever in the frame it believes to be (see `quench`).
+//! have taken a bit of its own from it; and after every one with CDS = 1, which a slave at rest does not send. After a cut
+//! the rest of a write is laid out so that no slave can take it for a byte that nobody wanted to write, wherever in the frame
+//! it believes to be (see `quench`).
 
 mod exchange;
 mod listen;
@@ -259,6 +260,9 @@ pub enum Failure {
         /// Likewise.
         got: u8,
     },
+    /// CDS was 1 where slaves that rest, or hear a header, have nothing to say: one of them was in the middle of something
+    /// else.
+    OutOfStep,
     /// A frame was not whole, so nobody knows which bit the slave has taken.
     Cut,
     /// Read back, a register holds something else than was written.
@@ -338,6 +342,9 @@ impl fmt::Display for Failure {
                 "the command was acknowledged by {}, it was for {}, and not executed",
                 ids(got),
                 ids(want)
+            ),
+            Failure::OutOfStep => f.write_str(
+                "a slave spoke though nobody had asked it: CDS was 1 where it has to be 0",
             ),
             Failure::Cut => f.write_str("a frame was not whole"),
             Failure::ReadBack { address, want, got } => write!(
@@ -449,7 +456,7 @@ struct Job {
     in_row: u32,
     /// What the last control frame failed with, if no byte has come since.
     before: Option<Failure>,
-    /// Frames since then that were not whole while the slaves should have rested.
+    /// Frames since then in which the slaves should have rested, and may not have.
     lost: u32,
     /// When the first control frame since then failed.
     failing_since_ns: Option<u64>,
@@ -571,6 +578,11 @@ impl Control {
             return;
         }
         let Some(exchange) = self.exchange.as_mut() else {
+            if cds {
+                // A bit error has told a slave that something begins: it would take the next access for the rest of that.
+                self.zeros = 0;
+                return self.lost(Failure::OutOfStep);
+            }
             self.zeros = if cdm {
                 0
             } else {
@@ -611,7 +623,7 @@ impl Control {
             self.quench.slip(cdm);
         }
         let Some(exchange) = &self.exchange else {
-            self.lost();
+            self.lost(Failure::Cut);
             return;
         };
         self.quench = exchange.abandoned();
@@ -624,15 +636,16 @@ impl Control {
         self.frame_ends(Some(failure));
     }
 
-    /// A frame was not whole while the slaves should have rested. Where that goes on they never do.
-    fn lost(&mut self) {
+    /// The slaves should have rested in a frame, and may not have. Where that goes on they never do.
+    fn lost(&mut self, failure: Failure) {
         let most = u32::from(REST_FRAMES).saturating_mul(self.retries.saturating_add(1));
         if let Some(job) = &mut self.job {
             job.lost += 1;
-            if job.lost >= most || self.armed > 0 {
-                job.outcome.failure = Some(match self.armed {
-                    0 => Failure::Cut,
-                    _ => Failure::Undecided,
+            let undecided = self.armed > 0 && failure == Failure::Cut;
+            if job.lost >= most || undecided {
+                job.outcome.failure = Some(match undecided {
+                    true => Failure::Undecided,
+                    false => failure,
                 });
                 self.ended = Some(job.outcome);
                 self.job = None;
@@ -793,12 +806,13 @@ impl Failure {
             Failure::ReadBack { .. } => 12,
             Failure::Unsteady { .. } => 13,
             Failure::Undecided => 14,
+            Failure::OutOfStep => 15,
         };
         Failure::NAMES[index]
     }
 
     /// All names.
-    pub const NAMES: [&'static str; 15] = [
+    pub const NAMES: [&'static str; 16] = [
         "unheard",
         "absent",
         "garbled",
@@ -814,6 +828,7 @@ impl Failure {
         "read-back",
         "unsteady",
         "undecided",
+        "out-of-step",
     ];
 
     /// The slaves' own answer. Seen twice in a row it is believed, as no bit of it is protected by a CRC.

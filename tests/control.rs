@@ -408,3 +408,48 @@ fn a_byte_that_may_have_come_late_is_doubtful() {
     let (_, ended) = run(access, &format!("{head}1{shifted}0"), true);
     assert_eq!(ended.unwrap().waited, 0);
 }
+
+/// A slave that speaks while it should rest has taken a bit error for the beginning of something: the rest begins anew.
+#[test]
+fn a_slave_that_speaks_does_not_rest() {
+    let mut control = Control::new(false);
+    control.set_retries(0);
+    control.ask(read(0, 0x78, 1)).unwrap();
+    for _ in 0..10 {
+        quiet(&mut control, usize::from(REST_FRAMES) - 1);
+        let cdm = control.cdm()[0];
+        control.seen(0, Seen::Whole { cds: true, cdm });
+        assert_eq!(control.cdm(), [false; 2]);
+    }
+    quiet(&mut control, usize::from(REST_FRAMES));
+    assert_eq!(control.cdm(), [true; 2], "S");
+    // One that never stops is named.
+    control.ask(read(0, 0x78, 1)).unwrap();
+    for frame in 0..REST_FRAMES {
+        assert!(control.is_busy(), "{frame}");
+        let cdm = control.cdm()[0];
+        control.seen(0, Seen::Whole { cds: true, cdm });
+    }
+    let failure = control.take().unwrap().failure;
+    assert_eq!(failure, Some(Failure::OutOfStep));
+}
+
+/// Nobody speaks before IDL, nor between it and the echo of R, or IDA; and IDs follow each other.
+#[test]
+fn a_header_is_heard_in_silence() {
+    for access in [read(0, 0x78, 1), write(0, 0x10, &[1]), command(1, 2)] {
+        for frame in (0..17).filter(|frame| *frame == 0 || *frame > 9) {
+            let cds: String = (0..17)
+                .map(|n| if n == 1 || n == frame { '1' } else { '0' })
+                .collect();
+            let (_, ended) = run(access, &cds, false);
+            let failure = ended.and_then(|ended| ended.failure);
+            assert_eq!(failure, Some(Failure::OutOfStep), "{access:?} {frame}");
+        }
+        for idl in ["101000000", "110000001"] {
+            let (_, ended) = run(access, &format!("0{idl}"), false);
+            let failure = ended.and_then(|ended| ended.failure);
+            assert!(matches!(failure, Some(Failure::Garbled { .. })), "{idl}");
+        }
+    }
+}

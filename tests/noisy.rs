@@ -10,7 +10,8 @@ use biss::frame::BissC;
 use biss::link::Link;
 use biss::master::Master;
 use biss::registers::{Cell, Registers, Trouble};
-use links::{HasSlave, map, sim, sim_wave};
+use biss::slave::Event;
+use links::{HasSlave, commands, map, sim, sim_wave, with};
 
 /// x⁴+x+1 over `bits`, and the remainder behind them, inverted.
 fn crc4(bits: u32, len: u32) -> u32 {
@@ -268,4 +269,200 @@ fn an_answer_is_whole() {
     }
     println!("{read} written, {failed} not read");
     assert!(read > 0 && failed > 0);
+}
+
+/// Single registers, one access each: a slave that has lost count of the bits must not answer the next access with something
+/// else.
+#[test]
+fn no_access_is_answered_by_the_one_before() {
+    let mut rng = common::rng();
+    let header = undetected(11);
+    for (late, p) in [(false, 0.01), (true, 0.01), (false, 0.002)] {
+        let (mut right, mut wrong) = (0u64, 0u64);
+        let mut left = common::size(1_000);
+        while left > 0 {
+            let rounds = left.min(500);
+            left -= rounds;
+            let config = format!("seed={},cdm-flip={p},{ONE}", rng.u32(..));
+            let mut single = |registers: &mut Registers<'_, '_>| {
+                for _ in 0..rounds {
+                    let at = rng.u8(..0x40);
+                    match registers.read(0, at, 1) {
+                        Ok(bytes) if bytes == [scattered(at)] => right += 1,
+                        Ok(_) => wrong += 1,
+                        Err(Trouble::Slave { .. }) => {}
+                        Err(other) => panic!("{other}"),
+                    }
+                }
+            };
+            match late {
+                true => with(&mut scatter(sim_wave(&config)), &mut single),
+                false => with(&mut scatter(sim(&config)), &mut single),
+            }
+        }
+        let mean = share_of_wrong(&header, p) * (right + wrong) as f64;
+        println!("late {late}, {p}: {right} right, {wrong} wrong, {mean:.2} are allowed");
+        assert!(right > 0);
+        assert!(wrong <= at_most(mean));
+    }
+}
+
+/// What stands at an address where every address has something else, and bytes are all over the place.
+fn scattered(at: u8) -> u8 {
+    at.wrapping_mul(0xAD).wrapping_add(0x35)
+}
+
+fn scatter<L: HasSlave>(link: L) -> L {
+    link.slave(|slave| {
+        for at in 0..0x40 {
+            assert!(slave.poke(0, 0, at, scattered(at)));
+        }
+    });
+    link
+}
+
+/// What a campaign of writes has come to.
+#[derive(Debug, Default)]
+struct Writes {
+    good: u64,
+    /// Said to be good, and the map holds something else.
+    lies: u64,
+    failed: u64,
+    /// Bytes that went to where nobody wanted them, or were others than those.
+    elsewhere: u64,
+    control_frames: u64,
+}
+
+/// Writes and reads back, one to four bytes each.
+fn writes<L: Link + HasSlave + Clone>(
+    mut link: L,
+    rng: &mut fastrand::Rng,
+    rounds: usize,
+    count: &mut Writes,
+) {
+    let watch = link.clone();
+    watch.slave(|slave| slave.record_events(true));
+    let protocol = BissC::head_only();
+    let mut master = Master::new(&mut link, &protocol, None);
+    assert!(master.open().unwrap());
+    let mut registers = Registers::new(&mut master);
+    for _ in 0..rounds {
+        let address = rng.u8(0..0x3C);
+        let data: Vec<u8> = (0..rng.usize(1..=4)).map(|_| rng.u8(..)).collect();
+        watch.slave(|slave| slave.take_events());
+        let result = registers.write(0, address, &data, true);
+        let there = watch.slave(|slave| map(slave, &[0]));
+        let holds = (address..)
+            .zip(&data)
+            .all(|(at, byte)| there.get(&(0, 0, at)) == Some(byte));
+        match result {
+            Ok(()) if holds => count.good += 1,
+            Ok(()) => count.lies += 1,
+            Err(Trouble::Slave { .. }) => count.failed += 1,
+            Err(other) => panic!("{other}"),
+        }
+        let wanted: Vec<(u8, u8)> = (address..).zip(data).collect();
+        let other = |event: &Event| matches!(event, Event::Write { address, value, .. } if !wanted.contains(&(*address, *value)));
+        let events = watch.slave(|slave| slave.take_events());
+        count.elsewhere += events.iter().filter(|event| other(event)).count() as u64;
+        // Bank select is written to by accident as well: back to where the map is looked at.
+        watch.slave(|slave| slave.poke(0, 0, 0x40, 0));
+        count.control_frames += 1;
+    }
+    count.control_frames += registers.retries();
+}
+
+/// Faults of the slave and of the wire, singly and together.
+const KNOBS: [&str; 9] = [
+    "cds-flip=0.005",
+    "cdm-flip=0.005",
+    "cds-flip=0.005,cdm-flip=0.005",
+    "echo-wrong=0.2",
+    "write-lost=0.2",
+    "w-inverted=0.2,no-s=0.1,stop-bit=0.2",
+    "idl-wrong=0.2,data-crc=0.2",
+    "write-lost=0.1,echo-wrong=0.1,cds-flip=0.003",
+    "cdm-flip=0.003,write-lost=0.1,stop-bit=0.1,data-crc=0.1",
+];
+
+#[test]
+fn a_write_that_was_not_done_is_not_said_to_be() {
+    let mut rng = common::rng();
+    for knobs in KNOBS {
+        for late in [false, true] {
+            let mut count = Writes::default();
+            let rounds = common::size(40);
+            let busy = *rng.choice(&["", "reg-busy=0us..300us,"]).unwrap();
+            let config = format!("seed={},{busy}{knobs},{ONE}", rng.u32(..));
+            match late {
+                true => writes(sim_wave(&config), &mut rng, rounds, &mut count),
+                false => writes(sim(&config), &mut rng, rounds, &mut count),
+            }
+            println!("late {late}, {knobs}: {count:?}");
+            assert_eq!(count.lies, 0, "{config}");
+            assert!(count.good > 0, "{config}");
+            if !knobs.contains("cdm-flip") {
+                assert_eq!(count.elsewhere, 0, "{config}");
+            }
+        }
+    }
+}
+
+/// A bit error on the way to the slave makes another header of it, or another byte, where it changes three bits at least.
+#[test]
+fn what_is_written_elsewhere_is_as_rare_as_crc4_makes_it() {
+    let mut rng = common::rng();
+    let p = 0.01;
+    let mut count = Writes::default();
+    let mut left = common::size(1_000);
+    while left > 0 {
+        let rounds = left.min(500);
+        left -= rounds;
+        let config = format!("seed={},cdm-flip={p},{ONE}", rng.u32(..));
+        writes(sim(&config), &mut rng, rounds, &mut count);
+    }
+    // Each control frame has a header, and four bytes at most.
+    let share = share_of_wrong(&undetected(11), p) + 4.0 * share_of_wrong(&undetected(8), p);
+    let mean = share * count.control_frames as f64;
+    println!("{count:?}, {mean:.2} are allowed");
+    assert_eq!(count.lies, 0);
+    assert!(count.elsewhere <= at_most(mean));
+}
+
+/// A command is executed by whom it was for, once, or not at all; or nobody can know.
+#[test]
+fn a_command_is_executed_as_often_as_is_said() {
+    let mut rng = common::rng();
+    for knobs in [
+        "cds-flip=0.01",
+        "ida-wrong=0.3",
+        "idl-wrong=0.3,ida-wrong=0.2",
+    ] {
+        for late in [false, true] {
+            let (mut done, mut failed) = (0, 0);
+            for _ in 0..common::size(80) {
+                let config = format!("seed={},{knobs},{ONE}", rng.u32(..));
+                let executed = match late {
+                    true => command_once(sim_wave(&config)),
+                    false => command_once(sim(&config)),
+                };
+                done += u32::from(executed);
+                failed += u32::from(!executed);
+            }
+            println!("late {late}, {knobs}: {done} executed, {failed} not");
+            assert!(done > 0);
+        }
+    }
+}
+
+fn command_once<L: Link + HasSlave + Clone>(mut link: L) -> bool {
+    let watch = link.clone();
+    watch.slave(|slave| slave.record_events(true));
+    let protocol = BissC::head_only();
+    let mut master = Master::new(&mut link, &protocol, None);
+    assert!(master.open().unwrap());
+    let result = Registers::new(&mut master).command(1, 2, true, false);
+    let executed = commands(&watch.slave(|slave| slave.take_events()));
+    assert_eq!(executed, usize::from(result.is_ok()), "{result:?}");
+    result.is_ok()
 }

@@ -255,7 +255,8 @@ fn advice(failure: Failure, fault: Option<Fault>) -> &'static str {
         | Failure::Strange { .. }
         | Failure::DataCrc { .. }
         | Failure::Echo { .. }
-        | Failure::Unsteady { .. } => {
+        | Failure::Unsteady { .. }
+        | Failure::OutOfStep => {
             "bits are lost on the line: try a slower -c, more --retries, check termination and ground"
         }
         Failure::NotEchoed { .. } => {

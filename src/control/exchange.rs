@@ -53,6 +53,8 @@ enum Stage {
 const REGISTER_HEADER: u8 = 18;
 /// Frames that carry the header of a command.
 const COMMAND_HEADER: u8 = 17;
+/// Frames of a header in which no slave says anything: before IDL, and from there to the echo of R, or IDA.
+const SILENT: [std::ops::RangeInclusive<u8>; 2] = [0..=0, 10..=16];
 /// Frames that show IDL0 to IDL8.
 const IDL: std::ops::RangeInclusive<u8> = 1..=9;
 
@@ -129,11 +131,11 @@ impl Exchange {
     }
 
     /// Whether CDM = 0 in the next frame is rest: after a read the frames that carry nothing are, in a write none
-    /// before P, as the next 1 after it would be the S of another byte.
+    /// before the one behind P: a 1 there would be the S of another byte, and its echo shows whether the slave has seen one.
     pub(super) fn is_rest(&self) -> bool {
         match self.aim {
             Aim::Read { .. } => !matches!(self.stage, Stage::Header(_) | Stage::Acknowledge),
-            Aim::Write { .. } => matches!(self.stage, Stage::Byte(12..)),
+            Aim::Write { .. } => matches!(self.stage, Stage::Byte(13)),
             Aim::Command { .. } => false,
         }
     }
@@ -207,10 +209,12 @@ impl Exchange {
             Aim::Command { .. } => Stage::Addressed(0),
             _ => Stage::Acknowledge,
         };
-        match (n == *IDL.end()).then(|| self.missing()).flatten() {
-            Some(failure) => Progress::Failed(failure),
-            None => Progress::Going,
-        }
+        let failure = match n {
+            _ if cds && SILENT.iter().any(|frames| frames.contains(&n)) => Some(Failure::OutOfStep),
+            _ if n == *IDL.end() => self.missing(),
+            _ => None,
+        };
+        failure.map_or(Progress::Going, Progress::Failed)
     }
 
     /// Whether somebody who was wanted has no ID.
@@ -223,10 +227,10 @@ impl Exchange {
         let missing = wanted & !self.idl;
         let present = self.idl.trailing_ones();
         match (missing, self.idl) {
-            (0, _) => None,
-            (_, 0) => Some(Failure::Unheard),
             // Each slave takes the first ID that is left.
             (_, idl) if idl >> present != 0 => Some(Failure::Garbled { idl }),
+            (0, _) => None,
+            (_, 0) => Some(Failure::Unheard),
             _ => Some(Failure::Absent {
                 slave: missing.trailing_zeros() as u8,
                 present: present as u8,
