@@ -41,19 +41,26 @@ pub fn ask(registers: &mut Registers<'_, '_>, write: bool) -> Result<Bus, Troubl
         }
         match ask_one(registers, slave, write, &mut bus) {
             Ok(known) => bus.devices.push(known),
-            // A bit error looked like one more ID, once.
-            Err(Trouble::Slave {
-                failure: Failure::Absent { present, .. },
-                ..
-            }) if slave > 0 => {
-                bus.present = present;
+            Err(trouble) if slave > 0 && is_absent(&trouble) => {
+                // Bit errors have made an ID more, or hidden one.
+                bus.present = registers.count()?;
+                if bus.present > slave {
+                    return Err(trouble);
+                }
                 break;
             }
-            Err(other) => return Err(other),
+            Err(trouble) => return Err(trouble),
         }
         bus.present = bus.present.max(registers.count()?);
     }
     Ok(bus)
+}
+
+fn is_absent(trouble: &Trouble) -> bool {
+    let Trouble::Slave { failure, .. } = trouble else {
+        return false;
+    };
+    matches!(failure, Failure::Absent { .. })
 }
 
 fn ask_one(
