@@ -183,7 +183,7 @@ impl<'m, 'a> Registers<'m, 'a> {
         self.master.ask(access)?;
         loop {
             if !self.finishing && self.master.stops() {
-                self.leave()?;
+                self.rest()?;
                 return Err(Trouble::Stopped);
             }
             self.frame()?;
@@ -206,8 +206,12 @@ impl<'m, 'a> Registers<'m, 'a> {
         }
     }
 
-    /// Leads the slaves out of an access, and lets them rest.
-    fn leave(&mut self) -> Result<(), Trouble> {
+    /// Leads the slaves out of an access, and runs frames until they wait for nothing more. After the last access, too: until
+    /// then a slave that was written to waits for another byte.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn rest(&mut self) -> Result<(), Trouble> {
         /// The longest rest of a byte, and room for disturbed frames.
         const FRAMES: u32 = 100;
         self.master.give_up();
