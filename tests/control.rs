@@ -453,3 +453,23 @@ fn a_header_is_heard_in_silence() {
         }
     }
 }
+
+/// R and W that nobody can mean are what is left of a header that was given up: no access was refused.
+#[test]
+fn the_listener_hears_no_refusal_of_nothing() {
+    let mut listener = Listener::new();
+    for _ in 0..REST_FRAMES {
+        assert_eq!(listener.frame(false, false), None);
+    }
+    // S, CTS, ID 0 and an address whose CRC is zeros, as those of the rest are.
+    let address = (0..0x80u8)
+        .find(|address| {
+            let (sent, _) = run(read(0, *address, 1), "0100000000000000", false);
+            sent.ends_with("0000")
+        })
+        .unwrap();
+    let (sent, _) = run(read(0, address, 1), "0100000000000000", false);
+    for cdm in sent.chars().chain("000000000000000000".chars()) {
+        assert_eq!(listener.frame(cdm == '1', false), None, "{address:#x}");
+    }
+}

@@ -214,6 +214,8 @@ impl Listener {
                 ida: 0,
             },
             16 if command => At::Rest,
+            // Neither a read nor a write: the rest of a header that was given up.
+            17 if bits & 0b11 == 0b00 || bits & 0b11 == 0b11 => At::Rest,
             17 => At::Acknowledge {
                 target: Target {
                     slave: (header >> 11) as u8 & 7,
