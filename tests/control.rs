@@ -473,3 +473,25 @@ fn the_listener_hears_no_refusal_of_nothing() {
         assert_eq!(listener.frame(cdm == '1', false), None, "{address:#x}");
     }
 }
+
+/// A slave that may have been left in the middle of a command waits for EX. Another frame that is not whole may be taken for it:
+/// then nobody knows.
+#[test]
+fn a_command_cut_twice_is_undecided() {
+    let mut control = Control::new(false);
+    control.ask(command(1, 2)).unwrap();
+    quiet(&mut control, usize::from(REST_FRAMES) + 1);
+    let idl = Seen::Whole {
+        cds: true,
+        cdm: control.cdm()[1],
+    };
+    control.seen(0, idl);
+    quiet(&mut control, 10);
+    control.seen(0, Seen::Cut { cdm: Some(false) });
+    assert!(control.is_busy(), "it is repeated");
+    quiet(&mut control, 5);
+    control.seen(0, Seen::Cut { cdm: Some(false) });
+    let ended = control.take().unwrap();
+    assert_eq!(ended.failure, Some(Failure::Undecided));
+    assert_eq!(ended.retries, 1);
+}
