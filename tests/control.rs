@@ -495,3 +495,21 @@ fn a_command_cut_twice_is_undecided() {
     assert_eq!(ended.failure, Some(Failure::Undecided));
     assert_eq!(ended.retries, 1);
 }
+
+/// A sequence does not cross from the window to the registers behind it, whatever the slave says (D2, p. 16).
+#[test]
+fn a_sequence_ends_where_the_window_does() {
+    for late in [false, true] {
+        // R, W, S, 0x48 with its CRC as in the golden strings, and P = 0: there is more.
+        let cds = format!("0100000000000000010101001000001{}", "10");
+        let (sent, ended) = run(read(0, 0x3F, 2), &cds, late);
+        assert_eq!(sent.len(), 33);
+        assert_eq!(sent.as_bytes()[32], b'0', "late {late}: no S follows");
+        assert!(
+            ended.is_none(),
+            "late {late}: the second byte is still to come"
+        );
+        let (sent, _) = run(read(0, 0x3E, 2), &cds, late);
+        assert_eq!(sent.as_bytes()[32], b'1', "late {late}: S");
+    }
+}

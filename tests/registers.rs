@@ -5,11 +5,13 @@ mod common;
 #[path = "common/links.rs"]
 mod links;
 
-use biss::control::{Access, Failure, REST_FRAMES};
+use biss::control::{Access, BUSY_MAX_NS, Failure, REST_FRAMES};
+use biss::frame::{BissC, Stall};
 use biss::identify;
-use biss::link::Link;
 use biss::link::sim::Controller;
 use biss::link::wave::Options;
+use biss::link::{Link, Phase};
+use biss::master::Master;
 use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
 use links::{HasSlave, map, sim, sim_wave, sim_wave_on, with};
 use std::collections::BTreeMap;
@@ -379,4 +381,88 @@ fn a_slave_that_is_not_there_is_not_reported() {
     }
     println!("{asked} asked");
     assert!(asked > 0);
+}
+
+/// Every kind of timeout, wherever in a bit SL is sampled, by heads and by whole frames: CDM = 1 is held as long as it must be,
+/// and no last bit is read from the level that carries it.
+#[test]
+fn every_timeout_takes_every_bit() {
+    let phases = [
+        Phase::Quarter,
+        Phase::Half,
+        Phase::ThreeQuarters,
+        Phase::Whole,
+    ];
+    let timeouts = [
+        "timeout=12500ns",
+        "timeout=40us",
+        "timeout=request",
+        "timeout=adaptive",
+        "timeout=adaptive,tclk=500ns,timer=rising",
+    ];
+    for timeout in timeouts {
+        for phase in phases {
+            for head_only in [false, true] {
+                let config = format!("delay=700ns,{timeout},frame=st12,nE,nW,crc6");
+                let mut link = sim(&config);
+                link.borrow_mut().set_phase(phase).unwrap();
+                let mut protocol = match head_only {
+                    true => BissC::head_only(),
+                    false => BissC::new("st12,nE,nW,crc6".parse().unwrap()),
+                };
+                if timeout.contains("adaptive") {
+                    protocol.stall = Stall::Adaptive;
+                }
+                // Not opened, so that the phase stays.
+                let mut master = Master::new(&mut link, &protocol, Some(0));
+                let mut registers = Registers::new(&mut master);
+                let about = format!("{config} {phase} {head_only}");
+                let bytes = registers
+                    .read(0, 0x78, 6)
+                    .unwrap_or_else(|e| panic!("{about}: {e}"));
+                assert_eq!(bytes, b"BISSIM", "{about}");
+                registers.write(0, 0x50, &[0x5A, 0xFF, 0], true).unwrap();
+                registers.command(1, 2, true, false).unwrap();
+                registers.command(0, 2, true, true).unwrap();
+                assert_eq!(registers.retries(), 0, "{about}");
+            }
+        }
+    }
+}
+
+/// A register may take 20 ms, and no longer, however rarely frames come.
+#[test]
+fn a_busy_register_is_waited_for_and_not_for_ever() {
+    for distance_ns in [0, 1_000_000, 7_000_000] {
+        for (busy, is_read) in [("19ms", true), ("60ms", false)] {
+            let config = format!("reg-busy={busy},frame=st12,nE,nW,crc6");
+            let (mut soon, mut late) = (sim(&config), sim_wave(&config));
+            let links: [&mut dyn Link; 2] = [&mut soon, &mut late];
+            for link in links {
+                let protocol = BissC::head_only();
+                let mut master = Master::new(link, &protocol, None);
+                assert!(master.open().unwrap());
+                master.keep_distance(distance_ns);
+                let began = master.link().now_ns();
+                let mut registers = Registers::new(&mut master);
+                let outcome = registers
+                    .access(Access::Read {
+                        slave: 0,
+                        address: 0x78,
+                        count: 1,
+                    })
+                    .unwrap();
+                let took_ns = registers.master().link().now_ns() - began;
+                match outcome.failure {
+                    None => assert!(is_read && outcome.waited == 1, "{config}"),
+                    Some(Failure::Silent { waited_ns, .. }) => {
+                        assert!(!is_read && waited_ns > BUSY_MAX_NS, "{config}");
+                        assert!(waited_ns <= BUSY_MAX_NS + distance_ns + 1_000_000);
+                    }
+                    Some(other) => panic!("{config} {distance_ns}: {other}"),
+                }
+                assert!(took_ns < 2 * (BUSY_MAX_NS + 60 * distance_ns.max(200_000)));
+            }
+        }
+    }
 }
