@@ -513,3 +513,46 @@ fn a_sequence_ends_where_the_window_does() {
         assert_eq!(sent.as_bytes()[32], b'1', "late {late}: S");
     }
 }
+
+/// S goes out again only where it can do no harm: not in a write, whose next bit it would be, and not where P says that there is
+/// no more.
+#[test]
+fn s_is_repeated_only_in_reads() {
+    let (sent, ended) = run(write(0, 0x10, &[0xFF]), "01000000000000000010", false);
+    assert_eq!(&sent[18..], "10");
+    let failure = ended.unwrap().failure;
+    assert_eq!(failure, Some(Failure::NotEchoed { address: 0x10 }));
+    let (sent, _) = run(read(0, 0x10, 1), "010000000000000001000", false);
+    assert_eq!(&sent[18..], "111");
+    let last = "010000000000000001010100100000111";
+    let (sent, _) = run(read(0, 0x10, 2), last, false);
+    assert_eq!(sent.as_bytes()[32], b'0', "P = 1");
+}
+
+/// In which frames of a command a pause may execute it: from where three bits more reach EX.
+#[test]
+fn only_near_its_end_a_cut_command_is_undecided() {
+    for (slaves, first, last) in [(1, 23, 24), (0, 15, 17)] {
+        for cut in 1..=last {
+            let mut control = Control::new(false);
+            control.set_retries(0);
+            control.ask(command(slaves, 2)).unwrap();
+            quiet(&mut control, usize::from(REST_FRAMES));
+            for frame in 0..cut {
+                let cds = frame == 1 || slaves == 1 && frame == 17;
+                let cdm = control.cdm()[usize::from(cds)];
+                control.seen(0, Seen::Whole { cds, cdm });
+            }
+            control.seen(0, Seen::Cut { cdm: None });
+            let want = match cut >= first {
+                true => Failure::Undecided,
+                false => Failure::Cut,
+            };
+            assert_eq!(
+                control.take().unwrap().failure,
+                Some(want),
+                "{slaves} {cut}"
+            );
+        }
+    }
+}

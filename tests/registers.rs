@@ -466,3 +466,44 @@ fn a_busy_register_is_waited_for_and_not_for_ever() {
         }
     }
 }
+
+/// An answer is believed when it comes twice, a byte that is stored is waited for, and each byte has repetitions of its own.
+#[test]
+fn what_is_repeated_is_repeated_as_often_as_it_helps() {
+    let access = |config: &str, retries: Option<u32>, access: Access| {
+        let mut link = sim(config);
+        let protocol = BissC::head_only();
+        let mut master = Master::new(&mut link, &protocol, None);
+        assert!(master.open().unwrap());
+        if let Some(retries) = retries {
+            master.set_access_retries(retries);
+        }
+        Registers::new(&mut master).access(access).unwrap()
+    };
+    let frame = "frame=st12,nE,nW,crc6";
+    let read = |count| Access::Read {
+        slave: 0,
+        address: 0,
+        count,
+    };
+    let outcome = access(&format!("refuse=0..4,{frame}"), None, read(1));
+    assert_eq!(outcome.failure, Some(Failure::Refused { address: 0 }));
+    assert_eq!(outcome.retries, 1);
+    let write = Access::Write {
+        slave: 0,
+        address: 0,
+        data: [1, 2].as_slice().into(),
+    };
+    let outcome = access(&format!("reg-busy=15ms,{frame}"), Some(0), write);
+    assert_eq!(
+        (outcome.failure, outcome.bytes.as_slice()),
+        (None, &[1, 2][..])
+    );
+    assert!(outcome.retries > 0);
+    let all = (0..50).map(|seed| {
+        let config = format!("seed={seed},data-crc=0.1,{frame}");
+        access(&config, Some(3), read(64))
+    });
+    let whole = all.filter(|outcome| outcome.failure.is_none() && outcome.retries > 3);
+    assert!(whole.count() > 20);
+}
