@@ -556,3 +556,33 @@ fn only_near_its_end_a_cut_command_is_undecided() {
         }
     }
 }
+
+/// What the slave can echo for R and W, and what that means.
+#[test]
+fn every_echo_of_r_and_w_has_a_name() {
+    let address = 0x10;
+    let refused = Failure::Refused { address };
+    let strange = |r, w| Failure::Strange { address, r, w };
+    for (access, rw, want) in [
+        (read(0, address, 1), "10", None),
+        (read(0, address, 1), "11", Some(refused)),
+        (
+            read(0, address, 1),
+            "00",
+            Some(Failure::NoReaction { address }),
+        ),
+        (read(0, address, 1), "01", Some(strange(false, true))),
+        (write(0, address, &[1]), "01", None),
+        (write(0, address, &[1]), "00", Some(refused)),
+        (write(0, address, &[1]), "11", Some(strange(true, true))),
+        (write(0, address, &[1]), "10", Some(strange(true, false))),
+    ] {
+        for late in [false, true] {
+            let (sent, ended) = run(access, &format!("01000000000000000{rw}"), late);
+            let failure = ended.and_then(|ended| ended.failure);
+            assert_eq!(failure, want, "{access:?} {rw}");
+            let s = sent.ends_with('1');
+            assert!(s == want.is_none() || late && s, "{access:?} {rw}: {sent}");
+        }
+    }
+}
