@@ -586,3 +586,39 @@ fn every_echo_of_r_and_w_has_a_name() {
         }
     }
 }
+
+/// An echo that differs in one bit, of the byte or of its CRC, is none.
+#[test]
+fn every_bit_of_an_echo_counts() {
+    // 0x5A and its CRC, as in the golden strings.
+    let echo = "010110100000";
+    for wrong in 0..12 {
+        let cds: String = echo
+            .chars()
+            .enumerate()
+            .map(|(at, bit)| {
+                if (bit == '1') != (at == wrong) {
+                    '1'
+                } else {
+                    '0'
+                }
+            })
+            .collect();
+        let cds = format!("01000000000000000011{cds}0");
+        let (_, ended) = run(write(0, 0x10, &[0x5A]), &cds, false);
+        let failure = ended.and_then(|ended| ended.failure);
+        assert!(
+            matches!(failure, Some(Failure::Echo { .. })),
+            "{wrong}: {failure:?}"
+        );
+    }
+}
+
+/// Nobody executes what not all have acknowledged, on a late link either.
+#[test]
+fn a_late_master_looks_before_it_executes() {
+    let (sent, ended) = run(command(0b11, 2), "0110000000000000010000000", true);
+    assert_eq!(sent.as_bytes()[24], b'0');
+    let want = Failure::Acknowledge { want: 3, got: 1 };
+    assert_eq!(ended.unwrap().failure, Some(want));
+}

@@ -3,8 +3,10 @@
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 mod common;
+#[path = "common/wire.rs"]
+mod wire;
 
-use biss::control::{Access, Failure};
+use biss::control::{Access, Control, Failure, REST_FRAMES, Seen};
 use biss::frame::BissC;
 use biss::link::Error;
 use biss::link::bitbang::{Bang, Pins};
@@ -14,6 +16,7 @@ use biss::registers::Registers;
 use biss::slave::{Config, Event};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use wire::Wire;
 
 /// Pins that stand still before certain calls.
 struct Halting {
@@ -225,4 +228,74 @@ fn a_disturbed_read_reads_what_is_there() {
         let bytes = registers.read(0, 0x78, 8).unwrap();
         assert_eq!(bytes, b"MHM#D\0iC", "{config} {halts:?}");
     }
+}
+
+/// A write that is cut at every frame, and every row of bits that a slave can take from that frame for it: what the master sends
+/// from there on writes nothing but what was to be written.
+#[test]
+fn no_cut_write_writes_anything_else() {
+    let mut rng = common::rng();
+    let rows: Vec<String> = (0..=3)
+        .flat_map(|len| (0..1u8 << len).map(move |bits| format!("{bits:08b}")[8 - len..].into()))
+        .collect();
+    let mut longest = 0;
+    for _ in 0..common::size(6) {
+        let data = [rng.u8(..), rng.u8(..)];
+        for cut in 1..=46 {
+            for taken in &rows {
+                let frames = cut_write(data, cut, taken);
+                longest = longest.max(frames);
+            }
+        }
+    }
+    println!("out of it after {longest} frames at most");
+    assert!(longest <= 40, "{longest}");
+}
+
+/// One such write; returns how many frames it takes to lead the slave out.
+fn cut_write(data: [u8; 2], cut: usize, taken: &str) -> usize {
+    let mut wire = Wire::new("frame=st2");
+    wire.slave.record_events(true);
+    let mut control = Control::new(false);
+    control.set_retries(0);
+    control
+        .ask(Access::Write {
+            slave: 0,
+            address: ADDRESS,
+            data: data.as_slice().into(),
+        })
+        .unwrap();
+    let mut frames = 0;
+    let mut after = 0;
+    while control.is_busy() || !control.rests() {
+        // All of this is within one access: reactions beyond it are not looked at.
+        assert!(frames < 200);
+        let table = control.cdm();
+        let seen = if frames == usize::from(REST_FRAMES) + cut {
+            wire.control(taken);
+            // Three bits are those of a frame that went on to its end: the last of them is what was sent.
+            let cdm = table[0];
+            if taken.len() == 3 && taken.ends_with('1') != cdm {
+                return 0;
+            }
+            Seen::Cut { cdm: Some(cdm) }
+        } else {
+            let cds = wire.react(table);
+            after += usize::from(frames > usize::from(REST_FRAMES) + cut);
+            Seen::Whole {
+                cds,
+                cdm: table[usize::from(cds)],
+            }
+        };
+        control.seen(frames as u64 * 100_000, seen);
+        frames += 1;
+    }
+    for event in wire.slave.take_events() {
+        let wanted = matches!(event, Event::Write { address, value, .. } if (ADDRESS..).zip(data).any(|pair| pair == (address, value)));
+        assert!(
+            wanted,
+            "{data:x?} cut at {cut}, {taken:?} taken: {event:x?}"
+        );
+    }
+    after
 }

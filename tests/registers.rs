@@ -507,3 +507,57 @@ fn what_is_repeated_is_repeated_as_often_as_it_helps() {
     let whole = all.filter(|outcome| outcome.failure.is_none() && outcome.retries > 3);
     assert!(whole.count() > 20);
 }
+
+/// P = 1 ends a sequence, not an access: the next control frame goes on behind it.
+#[test]
+fn a_sequence_that_ends_early_is_continued() {
+    for config in [
+        "stop-bit=1,frame=st12,nE,nW,crc6",
+        "stop-bit=0.5,frame=st12,nE,nW,crc6",
+    ] {
+        let (mut soon, mut late) = (sim(config), sim_wave(config));
+        let work = |registers: &mut Registers<'_, '_>| {
+            assert_eq!(registers.read(0, 0x78, 6).unwrap(), b"BISSIM");
+            registers.write(0, 0x50, &[1, 2, 3], true).unwrap();
+            assert_eq!(registers.retries(), 0);
+        };
+        with(&mut soon, work);
+        with(&mut late, work);
+    }
+}
+
+/// A late link reads back whether it was asked to or not.
+#[test]
+fn a_late_write_is_read_back() {
+    let mut link = sim_wave("write-lost=1,frame=st12,nE,nW,crc6");
+    let result = with(&mut link, |registers| registers.write(0, 0x50, &[7], false));
+    let want = Failure::ReadBack {
+        address: 0x50,
+        want: 7,
+        got: 0,
+    };
+    assert_eq!(failure(&result.unwrap_err()), want);
+}
+
+/// A register that has changed between two readings is read once more.
+#[test]
+fn two_of_several_readings_agree() {
+    let mut link = sim("frame=st12,nE,nW,crc6");
+    let watch = link.clone();
+    watch.slave(|slave| slave.record_events(true));
+    let count = || {
+        watch.slave(|slave| {
+            // The first two readings give 0, then 9.
+            let readings = slave.events().count() as u8;
+            slave.poke(0, 0, 0x10, if readings == 0 { 0 } else { 9 });
+        });
+        false
+    };
+    let protocol = BissC::head_only();
+    let mut master = Master::new(&mut link, &protocol, None);
+    assert!(master.open().unwrap());
+    master.stop_when(&count);
+    let mut registers = Registers::new(&mut master);
+    registers.verify(true);
+    assert_eq!(registers.read(0, 0x10, 1).unwrap(), [9]);
+}

@@ -75,7 +75,7 @@ impl Wire {
     }
 
     /// One frame whose CDM depends on its CDS; returns CDS.
-    fn react(&mut self, cdm: [bool; 2]) -> bool {
+    pub fn react(&mut self, cdm: [bool; 2]) -> bool {
         let seen = self.clock(self.clocks);
         let cds = after_start(&seen).starts_with('1');
         self.rest(cdm[usize::from(cds)]);
