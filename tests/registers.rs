@@ -11,8 +11,9 @@ use biss::identify;
 use biss::link::sim::Controller;
 use biss::link::wave::Options;
 use biss::link::{Link, Phase};
-use biss::master::Master;
+use biss::master::{Master, Slot};
 use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
+use biss::slave::Event;
 use links::{HasSlave, map, sim, sim_wave, sim_wave_on, with};
 use std::collections::BTreeMap;
 
@@ -560,4 +561,91 @@ fn two_of_several_readings_agree() {
     let mut registers = Registers::new(&mut master);
     registers.verify(true);
     assert_eq!(registers.read(0, 0x10, 1).unwrap(), [9]);
+}
+
+/// A bank that is selected already is not written to.
+#[test]
+fn a_bank_is_selected_only_where_another_is() {
+    let mut link = sim("frame=st12,nE,nW,crc6");
+    let watch = link.clone();
+    watch.slave(|slave| slave.record_events(true));
+    with(&mut link, |registers| {
+        registers
+            .within(0, 0, |registers| registers.read(0, 0x10, 1))
+            .unwrap();
+    });
+    let events = watch.slave(|slave| slave.take_events());
+    assert!(
+        events
+            .iter()
+            .all(|event| matches!(event, Event::Read { .. })),
+        "{events:x?}"
+    );
+}
+
+/// The rest before an access is counted anew after INIT, and after a frame whose start bit was in doubt: it was none, or nobody
+/// knows which bit of it was CDS.
+#[test]
+fn rest_is_whole_frames_in_a_row() {
+    let mut doubtful = 0;
+    for seed in 0..10 {
+        let mut link = sim(&format!("busy=0us..9us,seed={seed},frame=st12,nE,nW,crc6"));
+        let protocol = BissC::new("st12,nE,nW,crc6".parse().unwrap());
+        let mut master = Master::new(&mut link, &protocol, Some(0));
+        assert!(master.open().unwrap());
+        let mut in_row = 0;
+        for _ in 0..200 {
+            if master.slot(0, None).unwrap() == (Slot::Done { tries: 1 }) {
+                in_row += 1;
+            } else {
+                (doubtful, in_row) = (doubtful + 1, 1);
+                assert!(!master.rests());
+            }
+            if in_row >= REST_FRAMES {
+                assert!(master.rests());
+                master.reset_bus().unwrap();
+                assert!(!master.rests());
+                in_row = 0;
+            }
+        }
+    }
+    println!("{doubtful} doubtful");
+    assert!(doubtful > 0);
+}
+
+/// In reduced frames a command takes two clocks a frame, and the timeout.
+#[test]
+fn reduced_frames_have_two_clocks() {
+    let config = "frame=st12,nE,nW,crc6";
+    let (mut soon, mut late) = (sim(config), sim_wave(config));
+    let links: [&mut dyn Link; 2] = [&mut soon, &mut late];
+    for link in links {
+        let protocol = BissC::new("st12,nE,nW,crc6".parse().unwrap());
+        let mut master = Master::new(link, &protocol, Some(0));
+        assert!(master.open().unwrap());
+        let access = Access::Command {
+            slaves: 0,
+            code: 2,
+            checked: true,
+            reduced: true,
+        };
+        master.ask(access).unwrap();
+        let mut frames = 0;
+        let outcome = loop {
+            master.slot(0, None).unwrap();
+            assert_eq!(
+                (master.cycle().fault(), master.trace().bits.len()),
+                (None, 2)
+            );
+            frames += 1;
+            if let Some(outcome) = master.outcome() {
+                break outcome;
+            }
+        };
+        assert_eq!(outcome.failure, None);
+        assert!(frames <= 18 + u32::from(REST_FRAMES), "{frames}");
+        // The next one is a whole frame again.
+        master.slot(0, None).unwrap();
+        assert!(master.cycle().words()[0].good().is_some());
+    }
 }
