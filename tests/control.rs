@@ -622,3 +622,84 @@ fn a_late_master_looks_before_it_executes() {
     let want = Failure::Acknowledge { want: 3, got: 1 };
     assert_eq!(ended.unwrap().failure, Some(want));
 }
+
+/// What a listener makes of these bits after so many frames of rest.
+fn listened(rest: u8, cdm: &str, cds: &str) -> Vec<Spoken> {
+    let mut listener = Listener::new();
+    let rest = (0..rest).map(|_| (false, false));
+    let bits = cdm.chars().zip(cds.chars());
+    rest.chain(bits.map(|(cdm, cds)| (cdm == '1', cds == '1')))
+        .filter_map(|(cdm, cds)| listener.frame(cdm, cds))
+        .map(|heard| heard.spoken)
+        .collect()
+}
+
+/// The listener believes no byte that is not right in both directions, and no frame before it is sure where one begins.
+#[test]
+fn the_listener_checks_what_it_hears() {
+    let read_cdm = "110001111000010110100000000000000";
+    let read_cds = "010000000000000001010100110111000";
+    let (slave, address) = (0, 0x78);
+    let value = 0x4D;
+    let right = Spoken::Read {
+        slave,
+        address,
+        value,
+    };
+    assert_eq!(listened(14, read_cdm, read_cds), [right]);
+    assert_eq!(listened(13, read_cdm, read_cds), []);
+    let mut listener = Listener::new();
+    for frame in 0..20 {
+        match frame {
+            10 => listener.lost(),
+            _ => assert_eq!(listener.frame(false, false), None),
+        }
+    }
+    for (cdm, cds) in read_cdm.chars().zip(read_cds.chars()) {
+        assert_eq!(
+            listener.frame(cdm == '1', cds == '1'),
+            None,
+            "9 frames of rest"
+        );
+    }
+    // A wrong bit in the byte, R missing in the echo.
+    let wrong = "010000000000000001010101110111000";
+    assert!(matches!(
+        listened(14, read_cdm, wrong)[..],
+        [Spoken::Bad { cdm: None, .. }]
+    ));
+    let rw = (false, false);
+    let silent = format!("01{}", "0".repeat(31));
+    let refused = Spoken::Refused {
+        slave,
+        address,
+        write: false,
+        rw,
+    };
+    assert_eq!(listened(14, read_cdm, &silent), [refused]);
+    // P = 1, and an S that came too late to know.
+    let (cdm, cds) = (&read_cdm[..32], &read_cds[..32]);
+    let heard = listened(14, &format!("{cdm}100"), &format!("{cds}100"));
+    assert_eq!(heard, [right]);
+    let heard = listened(14, &format!("{cdm}100"), &format!("{cds}000"));
+    let next = Spoken::Silent {
+        slave,
+        address: 0x79,
+    };
+    assert_eq!(heard, [right, next]);
+    // 0x5A is written, 0x05 with its CRC, which is 0 as well, comes back.
+    let write_cdm = "110000010000001101101011010000000";
+    let echo = "010000000000000000110000010100000";
+    assert!(matches!(
+        listened(14, write_cdm, echo)[..],
+        [Spoken::Bad {
+            cdm: Some(0x5A0),
+            ..
+        }]
+    ));
+    // The header of a command without the S behind it.
+    assert_eq!(
+        listened(14, "1000000000001111000", "0100000000000000000"),
+        []
+    );
+}

@@ -649,3 +649,26 @@ fn reduced_frames_have_two_clocks() {
         assert!(master.cycle().words()[0].good().is_some());
     }
 }
+
+/// A frame that is left after its head leaves SL at a bit of data: a 1 there, or one that is still under way, does not mean that
+/// the slave is ready.
+#[test]
+fn data_is_not_taken_for_readiness() {
+    for position in ["0", "4095", "2047", "1023", "1365", "2730"] {
+        for delay in ["0us", "3us", "5us", "11us", "35us"] {
+            for timeout in ["12500ns", "40us"] {
+                let config = format!(
+                    "motion=still,pos={position},delay={delay},timeout={timeout},frame=st12,nE,nW,crc6"
+                );
+                let work = |registers: &mut Registers<'_, '_>| {
+                    assert_eq!(registers.read(0, 0x78, 2).unwrap(), b"BI", "{config}");
+                    registers.write(0, 0x50, &[0x5A], true).unwrap();
+                    registers.command(0, 2, true, true).unwrap();
+                    assert_eq!(registers.retries(), 0, "{config}");
+                };
+                with(&mut sim(&config), work);
+                with(&mut sim_wave(&config), work);
+            }
+        }
+    }
+}
