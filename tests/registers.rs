@@ -672,3 +672,15 @@ fn data_is_not_taken_for_readiness() {
         }
     }
 }
+
+/// A byte that was waited for may be a shifted one, so it is read again; one that came at once is not.
+#[test]
+fn a_byte_that_was_waited_for_is_read_again() {
+    for (busy, readings) in [("0us", 1), ("1ms", 2)] {
+        let mut link = sim(&format!("reg-busy={busy},frame=st12,nE,nW,crc6"));
+        let watch = link.clone();
+        watch.slave(|slave| slave.record_events(true));
+        with(&mut link, |registers| registers.read(0, 0x78, 2)).unwrap();
+        assert_eq!(watch.slave(|slave| slave.take_events()).len(), 2 * readings);
+    }
+}
