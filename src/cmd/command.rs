@@ -98,7 +98,8 @@ fn send(session: &mut Session, access: Access) -> Result<Sent> {
         frames: registers.frames(),
         retries: registers.retries(),
     };
-    Ok((ended.map(drop), Some(effort)))
+    let rested = hold.during(|| registers.rest());
+    Ok((ended.map(drop).and(rested), Some(effort)))
 }
 
 fn ids(bits: u8) -> Vec<u8> {

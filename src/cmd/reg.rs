@@ -220,7 +220,7 @@ fn run_work(
     };
     let mut registers = Registers::new(&mut master);
     registers.verify(args.verify);
-    let mut talk = Talk::new(&mut registers, hold, slave);
+    let mut talk = Talk::new(&mut registers, hold.clone(), slave);
     let result = work(&mut talk);
     let told = talk.told;
     let refusal = |record: &&Register| record.bad.as_ref().is_some_and(Bad::is_refusal);
@@ -230,6 +230,9 @@ fn run_work(
         frames: registers.frames(),
         retries: registers.retries(),
     };
+    // A slave that was written to waits for another byte until then.
+    let rested = hold.during(|| registers.rest());
+    let result = result.and_then(|good| Ok(rested.map(|()| good)?));
     (told, Some(effort), result)
 }
 
