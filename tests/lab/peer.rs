@@ -17,8 +17,12 @@ use signal_hook::consts::SIGTERM;
 
 /// In an order: start the timer. In an event: it ran out.
 const TIMER: u32 = 1 << 31;
+/// In an order: tell of this line's edges, and no longer of those of all lines.
+const WATCH: u32 = 1 << 30;
 /// A wire as quiet as this is idle: time to write the log out, and to look whether we should go.
 const IDLE_NS: u64 = 10_000_000;
+/// Nobody works out what comes later than this: most timeouts are put off by the next edge.
+const SOON_NS: u64 = 200_000;
 
 /// The peer's side of the wire module, which describes it. Times are CLOCK_MONOTONIC.
 struct Wire(File);
@@ -97,6 +101,9 @@ fn run() -> Result<(), Box<dyn Error>> {
     let mut up = false;
     // A line never driven rests high.
     let (mut mo_level, mut mo_levels) = (true, String::new());
+    for line in [ma].into_iter().chain(mo) {
+        wire.order(&[(0, WATCH | line, false)])?;
+    }
     // ask for the present time
     wire.order(&[(0, TIMER | ma, false)])?;
     while !ended.load(Ordering::Relaxed) {
@@ -115,12 +122,22 @@ fn run() -> Result<(), Box<dyn Error>> {
         }
         let level = slave.slo(event.at_ns);
         let quiet = event.at_ns + IDLE_NS;
-        match next_change(&slave, level) {
+        let soon = event.at_ns + SOON_NS;
+        let due = slave.next_change().unwrap_or(quiet);
+        let next = match due <= soon {
+            true => next_change(&slave, level),
+            false => None,
+        };
+        match next {
             // the pin turns at its time by itself; the timer is for what may come after that
             Some(at) => wire.order(&[
                 (0, slo, level),
                 (at, slo, !level),
                 (at.min(quiet), TIMER | ma, false),
+            ])?,
+            None if due > soon => wire.order(&[
+                (0, slo, level),
+                ((due - SOON_NS).min(quiet), TIMER | ma, false),
             ])?,
             None => wire.order(&[(0, slo, level), (quiet, TIMER | ma, false)])?,
         }

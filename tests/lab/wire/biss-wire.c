@@ -15,7 +15,10 @@
  *   write <- struct wire_order { u64 at_ns; u32 line; u32 level; }, one or
  *            more: the input `line` shows `level` from at_ns on (0: at once;
  *            a later order for a line takes the place of one still ahead),
- *            or WIRE_TIMER | line: start the only timer.
+ *            or WIRE_TIMER | line: start the only timer,
+ *            or WIRE_WATCH | line: edges of this line are events, and of
+ *            lines that nobody has said this of no longer. So a clock that
+ *            means nothing to the peer runs on without it.
  *
  * An order ahead of its time needs nobody to be awake when the time comes:
  * the pin shows it to whoever looks then.
@@ -38,6 +41,7 @@
 
 #define WIRE_MAX 64
 #define WIRE_TIMER 0x80000000u
+#define WIRE_WATCH 0x40000000u
 /* the SPI bus has pins of its own, after the GPIO chip's */
 enum { PIN_SCK = 60, PIN_MOSI, PIN_MISO, PIN_CS };
 
@@ -63,6 +67,7 @@ static DECLARE_WAIT_QUEUE_HEAD(wire_wq);
 
 static u64 jumpers[WIRE_MAX];		/* by output: the inputs that show its level */
 static u64 pulled_up;			/* lines whose pull-up is on */
+static u64 watched;			/* lines whose edges are events; none: all are */
 static struct wire_event edge;		/* the edge that waits for the peer */
 static bool is_open, pending, taken;	/* ...if there is one; the peer has read it */
 static u64 timer_ns = U64_MAX;
@@ -111,7 +116,7 @@ static void wire_drive(unsigned int line, bool level)
 {
 	mutex_lock(&drive_mutex);
 	spin_lock(&wire_lock);
-	if (pin_level(line) == level || !is_open) {
+	if (pin_level(line) == level || !is_open || (watched && !(watched >> line & 1))) {
 		pin_show(line, level);
 		pin[line].driven_ns = ktime_get_ns();
 		spin_unlock(&wire_lock);
@@ -205,6 +210,7 @@ static int wire_open(struct inode *i, struct file *f)
 		r = -EBUSY;
 	} else {
 		is_open = true;
+		watched = 0;
 		timer_ns = U64_MAX;
 	}
 	spin_unlock(&wire_lock);
@@ -289,13 +295,15 @@ static ssize_t wire_write(struct file *f, const char __user *b, size_t n, loff_t
 	for (k = 0; k + sizeof(in) <= n; k += sizeof(in)) {
 		if (copy_from_user(&in, b + k, sizeof(in)))
 			return -EFAULT;
-		line = in.line & ~WIRE_TIMER;
+		line = in.line & ~(WIRE_TIMER | WIRE_WATCH);
 		if (line >= WIRE_MAX)
 			return -EINVAL;
 		spin_lock(&wire_lock);
 		if (in.line & WIRE_TIMER) {
 			timer_ns = in.at_ns;
 			timer_line = line;
+		} else if (in.line & WIRE_WATCH) {
+			watched |= BIT_ULL(line);
 		} else if (!pin[line].out) {
 			pin_level(line);
 			pin[line].next = !!in.level;
@@ -387,8 +395,10 @@ static struct gpio_chip gc = {
 static const char *names[WIRE_MAX];
 
 /*
- * The SPI bus: modes 0 to 3, 8 bits a word, speed_hz as a lower bound of the
- * bit time. As real controllers do, it sets SCK's idle level with the first
+ * The SPI bus: modes 0 to 3, 8 bits a word, speed_hz as far as the peer lets
+ * it: an edge that takes it longer makes the next bits shorter, so that those
+ * behind them stand where they would, but no pause is made up for. As real
+ * controllers do, it sets SCK's idle level with the first
  * message of a mode, not when the mode is set.
  */
 
@@ -396,11 +406,17 @@ static bool mosi_low;
 module_param(mosi_low, bool, 0644);
 MODULE_PARM_DESC(mosi_low, "MOSI goes low after each transfer instead of staying at its last bit");
 
-static void spi_half(u32 hz)
-{
-	u64 until = ktime_get_ns() + 500000000ULL / (hz ?: 1);
+/* what an edge may take the peer without moving all bits behind it */
+#define SPI_EDGE_NS 50000
 
-	while (ktime_get_ns() < until)
+static void spi_half(u64 *due_ns, u32 hz)
+{
+	u64 half = 500000000ULL / (hz ?: 1), now = ktime_get_ns();
+
+	*due_ns += half;
+	if (now > *due_ns + SPI_EDGE_NS)
+		*due_ns = now;
+	while (ktime_get_ns() < *due_ns)
 		cpu_relax();
 }
 
@@ -415,9 +431,11 @@ static int wire_spi_one(struct spi_controller *c, struct spi_device *s, struct s
 	u8 *rx = t->rx_buf;
 	bool idle = s->mode & SPI_CPOL, late_phase = s->mode & SPI_CPHA;
 	unsigned int i;
+	u64 due_ns;
 	int b;
 
 	wire_drive(PIN_SCK, idle);
+	due_ns = ktime_get_ns();
 	for (i = 0; i < t->len; i++) {
 		u8 out = tx ? tx[i] : 0, in = 0;
 
@@ -425,11 +443,11 @@ static int wire_spi_one(struct spi_controller *c, struct spi_device *s, struct s
 			if (late_phase)
 				wire_drive(PIN_SCK, !idle);
 			wire_drive(PIN_MOSI, out >> b & 1);
-			spi_half(t->speed_hz);
+			spi_half(&due_ns, t->speed_hz);
 			/* sampled on the edge that follows: what stood there before it */
 			in = in << 1 | wire_sense(PIN_MISO);
 			wire_drive(PIN_SCK, late_phase ? idle : !idle);
-			spi_half(t->speed_hz);
+			spi_half(&due_ns, t->speed_hz);
 			if (!late_phase)
 				wire_drive(PIN_SCK, idle);
 		}
