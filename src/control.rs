@@ -14,16 +14,19 @@
 //! the rest of a write is laid out so that no slave can take it for a byte that nobody wanted to write, wherever in the frame
 //! it believes to be (see `quench`).
 
+mod access;
 mod exchange;
+mod failure;
 mod listen;
 mod quench;
 
+pub use access::{Access, Bytes};
+pub use failure::Failure;
 pub use listen::{Heard, Listener, Spoken};
 
 use crate::crc::Crc;
 use exchange::{Aim, Came, Exchange, Progress};
 use quench::Quench;
-use std::fmt;
 use std::sync::OnceLock;
 
 /// Frames with CDM = 0 before a control frame (C6, p. 9).
@@ -49,333 +52,6 @@ fn crc4(data: u64, len: u8) -> u8 {
     static CRC: OnceLock<Option<Crc>> = OnceLock::new();
     let crc = CRC.get_or_init(|| Crc::standard(4)).as_ref();
     crc.map_or(0, |crc| crc.of(data, len)) as u8
-}
-
-/// Up to 128 bytes, without a heap.
-#[derive(Clone, Copy)]
-pub struct Bytes {
-    bytes: [u8; ADDRESSES as usize],
-    len: u8,
-}
-
-impl Bytes {
-    /// The bytes.
-    pub fn as_slice(&self) -> &[u8] {
-        &self.bytes[..usize::from(self.len)]
-    }
-
-    const fn new() -> Bytes {
-        Bytes {
-            bytes: [0; ADDRESSES as usize],
-            len: 0,
-        }
-    }
-
-    fn push(&mut self, byte: u8) {
-        if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
-            *place = byte;
-            self.len += 1;
-        }
-    }
-}
-
-impl From<&[u8]> for Bytes {
-    /// What is beyond 128 bytes is left out.
-    fn from(bytes: &[u8]) -> Bytes {
-        let mut all = Bytes::new();
-        bytes.iter().for_each(|byte| all.push(*byte));
-        all
-    }
-}
-
-impl fmt::Debug for Bytes {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.as_slice().fmt(f)
-    }
-}
-
-impl PartialEq for Bytes {
-    fn eq(&self, other: &Bytes) -> bool {
-        self.as_slice() == other.as_slice()
-    }
-}
-
-impl Eq for Bytes {}
-
-/// What is wanted of the slaves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// Registers one after the other.
-    Read {
-        /// Its ID, 0 to 7: 0 is the slave farthest away.
-        slave: u8,
-        /// The first register, 0x00 to 0x7F.
-        address: u8,
-        /// How many.
-        count: u8,
-    },
-    /// Registers one after the other.
-    Write {
-        /// Its ID, 0 to 7.
-        slave: u8,
-        /// The first register.
-        address: u8,
-        /// What goes there.
-        data: Bytes,
-    },
-    /// A command.
-    Command {
-        /// Bit k stands for slave ID k; 0 is a broadcast.
-        slaves: u8,
-        /// 0 to 3; what they mean depends on who is addressed (D2, p. 17-19).
-        code: u8,
-        /// Execute only when exactly these slaves have acknowledged.
-        checked: bool,
-        /// In reduced frames: two clocks and the timeout, no CDS. For broadcasts.
-        reduced: bool,
-    },
-}
-
-impl Access {
-    /// Whether the wire can carry it.
-    ///
-    /// # Errors
-    /// What is wrong with it, in words.
-    pub fn check(&self, late: bool) -> Result<(), String> {
-        let register = |slave: u8, address: u8, count: usize| {
-            if slave >= MAX_IDS {
-                return Err(format!("slave IDs are 0 to 7, not {slave}"));
-            }
-            if count == 0 {
-                return Err("no register at all".into());
-            }
-            let end = usize::from(address) + count;
-            if end > usize::from(ADDRESSES) {
-                return Err(format!("registers end at 0x7f, not at {:#04x}", end - 1));
-            }
-            Ok(())
-        };
-        match self {
-            Access::Read {
-                slave,
-                address,
-                count,
-            } => register(*slave, *address, usize::from(*count)),
-            Access::Write {
-                slave,
-                address,
-                data,
-            } => register(*slave, *address, data.as_slice().len()),
-            Access::Command { code: 4.., .. } => Err("commands are 0 to 3".into()),
-            Access::Command {
-                slaves,
-                reduced: true,
-                ..
-            } if *slaves != 0 => {
-                Err("reduced frames have no CDS for the slaves' acknowledge, they are for broadcasts".into())
-            }
-            Access::Command {
-                slaves,
-                checked: true,
-                ..
-            } if late && slaves & 0x80 != 0 => Err(
-                "slave 7 acknowledges in the frame that executes, where CDM is laid out before CDS is seen".into(),
-            ),
-            Access::Command { .. } => Ok(()),
-        }
-    }
-}
-
-/// Why an access failed: what the slave did, or did not.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Failure {
-    /// No slave took an ID: nobody on this line answers to control frames.
-    Unheard,
-    /// Fewer slaves took IDs.
-    Absent {
-        /// Who was wanted.
-        slave: u8,
-        /// How many took one.
-        present: u8,
-    },
-    /// The IDs taken do not follow each other.
-    Garbled {
-        /// Bit k: ID k was taken.
-        idl: u16,
-    },
-    /// The slave inverted W: no such register, or not for this purpose (D2, p. 16).
-    Refused {
-        /// The register.
-        address: u8,
-    },
-    /// The slave echoed neither R nor W: it found the header's CRC wrong.
-    NoReaction {
-        /// The register.
-        address: u8,
-    },
-    /// The slave echoed R and W as they cannot be.
-    Strange {
-        /// The register.
-        address: u8,
-        /// R.
-        r: bool,
-        /// W.
-        w: bool,
-    },
-    /// The slave did not echo S before a byte to be written. Before the first one it may not wait (D2, p. 17); before others
-    /// it may, but S is not repeated: where only the echo was lost it would be taken for a bit of the byte.
-    NotEchoed {
-        /// The register.
-        address: u8,
-    },
-    /// The slave did not echo S in time: busy for too long, or its way to refuse (D2, p. 16).
-    Silent {
-        /// The register.
-        address: u8,
-        /// How long S was repeated.
-        waited_ns: u64,
-    },
-    /// The CRC of a byte that was read does not belong to it.
-    DataCrc {
-        /// The register.
-        address: u8,
-        /// As received.
-        got: u8,
-        /// As computed from the byte received.
-        want: u8,
-    },
-    /// The slave echoed something else than was written.
-    Echo {
-        /// The register.
-        address: u8,
-        /// Byte and CRC as sent.
-        sent: u16,
-        /// Byte and CRC as echoed.
-        got: u16,
-    },
-    /// The slaves that acknowledged a command are not those it was for: it was not executed.
-    Acknowledge {
-        /// Bit k stands for slave ID k.
-        want: u8,
-        /// Likewise.
-        got: u8,
-    },
-    /// CDS was 1 where slaves that rest, or hear a header, have nothing to say: one of them was in the middle of something
-    /// else.
-    OutOfStep,
-    /// A frame was not whole, so nobody knows which bit the slave has taken.
-    Cut,
-    /// Read back, a register holds something else than was written.
-    ReadBack {
-        /// The register.
-        address: u8,
-        /// What was written.
-        want: u8,
-        /// What was read.
-        got: u8,
-    },
-    /// A register gave another value each time.
-    Unsteady {
-        /// The register.
-        address: u8,
-        /// The last but one.
-        first: u8,
-        /// The last one.
-        second: u8,
-    },
-    /// A frame in which a command may be executed was not whole: whether it was is not known, so it is not repeated.
-    Undecided,
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Failure::Unheard => {
-                f.write_str("no slave took an ID: the encoder does not answer to control frames")
-            }
-            Failure::Absent { slave, present: 1 } => {
-                write!(f, "no slave with ID {slave}: only ID 0 is there")
-            }
-            Failure::Absent { slave, present } => write!(
-                f,
-                "no slave with ID {slave}: IDs 0 to {} are there",
-                present.saturating_sub(1)
-            ),
-            Failure::Garbled { idl } => write!(
-                f,
-                "the slaves took IDs that do not follow each other (IDL {idl:#011b})"
-            ),
-            Failure::Refused { address } => write!(f, "the slave refuses register {address:#04x}"),
-            Failure::NoReaction { address } => write!(
-                f,
-                "the slave did not react to the address of register {address:#04x}: it found its CRC wrong"
-            ),
-            Failure::Strange { address, r, w } => write!(
-                f,
-                "the slave echoed RW = {}{} for register {address:#04x}, which means nothing",
-                u8::from(r),
-                u8::from(w)
-            ),
-            Failure::NotEchoed { address } => write!(
-                f,
-                "the slave did not echo the start of the byte for register {address:#04x}: some refuse so"
-            ),
-            Failure::Silent { address, waited_ns } => write!(
-                f,
-                "the slave did not get ready for register {address:#04x} within {:.1} ms: some refuse so",
-                waited_ns as f64 / 1e6
-            ),
-            Failure::DataCrc { address, got, want } => write!(
-                f,
-                "register {address:#04x} came with CRC {got:#x}, want {want:#x}"
-            ),
-            Failure::Echo { address, sent, got } => write!(
-                f,
-                "register {address:#04x}: the slave echoed {:#04x} CRC {:#x}, sent was {:#04x} CRC {:#x}",
-                got >> 4,
-                got & 0xF,
-                sent >> 4,
-                sent & 0xF
-            ),
-            Failure::Acknowledge { want, got } => write!(
-                f,
-                "the command was acknowledged by {}, it was for {}, and not executed",
-                ids(got),
-                ids(want)
-            ),
-            Failure::OutOfStep => f.write_str(
-                "a slave spoke though nobody had asked it: CDS was 1 where it has to be 0",
-            ),
-            Failure::Cut => f.write_str("a frame was not whole"),
-            Failure::ReadBack { address, want, got } => write!(
-                f,
-                "register {address:#04x} reads {got:#04x} after {want:#04x} was written and echoed"
-            ),
-            Failure::Unsteady {
-                address,
-                first,
-                second,
-            } => write!(
-                f,
-                "register {address:#04x} gave {first:#04x}, then {second:#04x}: no two readings agree"
-            ),
-            Failure::Undecided => f.write_str(
-                "a frame that could execute the command was not whole: it may have been executed or not",
-            ),
-        }
-    }
-}
-
-/// `slave 0, 2`, or that there is none.
-fn ids(bits: u8) -> String {
-    let list: Vec<String> = (0..MAX_IDS)
-        .filter(|id| bits >> id & 1 == 1)
-        .map(|id| id.to_string())
-        .collect();
-    match list.is_empty() {
-        true => "no slave".into(),
-        false => format!("slave {}", list.join(", ")),
-    }
 }
 
 /// What came of a frame.
@@ -610,7 +286,7 @@ impl Control {
 
     fn byte(&mut self, came: Came) {
         if let Some(job) = &mut self.job {
-            job.outcome.waited |= u128::from(came.waited) << job.outcome.bytes.len;
+            job.outcome.waited |= u128::from(came.waited) << job.outcome.bytes.as_slice().len();
             job.outcome.bytes.push(came.byte);
             (job.in_row, job.before, job.lost) = (0, None, 0);
             job.failing_since_ns = None;
@@ -685,7 +361,7 @@ impl Control {
         let since_ns = *job.failing_since_ns.get_or_insert(self.now_ns);
         // A slave that stores a byte may take that long until it takes another.
         let storing = matches!(failure, Failure::NotEchoed { .. })
-            && job.outcome.bytes.len > 0
+            && !job.outcome.bytes.as_slice().is_empty()
             && self.now_ns - since_ns <= BUSY_MAX_NS;
         let sure = failure.is_answer() && job.before.is_some_and(|before| failure.repeats(before));
         let enough = (sure || job.in_row >= self.retries) && !storing;
@@ -774,73 +450,5 @@ impl Job {
                 checked: *checked,
             },
         }
-    }
-}
-
-impl Failure {
-    /// Whether it is the same once more, however long it took.
-    fn repeats(self, other: Failure) -> bool {
-        match (self, other) {
-            (Failure::Silent { address, .. }, Failure::Silent { address: other, .. }) => {
-                address == other
-            }
-            _ => self == other,
-        }
-    }
-
-    /// Its name in every output.
-    pub fn name(&self) -> &'static str {
-        let index = match self {
-            Failure::Unheard => 0,
-            Failure::Absent { .. } => 1,
-            Failure::Garbled { .. } => 2,
-            Failure::Refused { .. } => 3,
-            Failure::NoReaction { .. } => 4,
-            Failure::Strange { .. } => 5,
-            Failure::NotEchoed { .. } => 6,
-            Failure::Silent { .. } => 7,
-            Failure::DataCrc { .. } => 8,
-            Failure::Echo { .. } => 9,
-            Failure::Acknowledge { .. } => 10,
-            Failure::Cut => 11,
-            Failure::ReadBack { .. } => 12,
-            Failure::Unsteady { .. } => 13,
-            Failure::Undecided => 14,
-            Failure::OutOfStep => 15,
-        };
-        Failure::NAMES[index]
-    }
-
-    /// All names.
-    pub const NAMES: [&'static str; 16] = [
-        "unheard",
-        "absent",
-        "garbled",
-        "refused",
-        "no-reaction",
-        "strange",
-        "not-echoed",
-        "silent",
-        "data-crc",
-        "echo",
-        "acknowledge",
-        "cut",
-        "read-back",
-        "unsteady",
-        "undecided",
-        "out-of-step",
-    ];
-
-    /// The slaves' own answer. Seen twice in a row it is believed, as no bit of it is protected by a CRC.
-    fn is_answer(&self) -> bool {
-        matches!(
-            self,
-            Failure::Unheard
-                | Failure::Absent { .. }
-                | Failure::Refused { .. }
-                | Failure::NotEchoed { .. }
-                | Failure::Silent { .. }
-                | Failure::Acknowledge { .. }
-        )
     }
 }
