@@ -1,7 +1,7 @@
 //! Who a slave is and what frame it sends, from the bytes of its registers.
 //!
 //! A [`Device`] is what 0x40 to 0x7F say: IDs, serial number, profile. An [`Eds`] and a [`ProfileEds`] are banks that
-//! describe data channels. [`Known`] collects them for one slave ID and says what to read next; [`candidates`] makes
+//! describe data channels. [`Known`] collects them for one slave ID and says what to read next; [`candidates()`] makes
 //! frame formats of them, which live frames must confirm: many encoders carry partial or wrong data (KEB F6 manual,
 //! p. 222).
 //!
