@@ -131,8 +131,8 @@ const FRAMES: u32 = 16;
 /// Frames that formats are tried on again when several have passed: a position that moves decides between them.
 const MORE_FRAMES: u32 = 128;
 
-/// Clocks behind the stop bit: a format that is too short shows there.
-const SURPLUS: u16 = 8;
+/// Clocks behind the stop bit, as many as a whole channel has: one that the registers do not speak of shows there.
+const SURPLUS: u16 = 80;
 
 /// What live frames said to a format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

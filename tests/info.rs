@@ -285,3 +285,15 @@ fn text_marks_what_is_doubtful() {
     let (all, _, _) = run("info sim -v");
     assert!(all.contains("not used") && all.lines().count() > stdout.lines().count());
 }
+
+/// The registers speak of the first channel only, and the second one begins with a dozen zeros.
+#[test]
+fn a_channel_that_the_registers_do_not_speak_of_is_seen() {
+    let chain = "mt14,st14,nE,nW,crc6+mt16,st23,nE,nW,crc6";
+    for link in ["", "rpm=600,"] {
+        let link = format!("sim:{link}device=mhm,frame={chain}");
+        let (stdout, stderr, status) = run(&format!("read {link} -f auto"));
+        assert_eq!((stdout.as_str(), status), ("", Some(1)), "{stderr}");
+        assert!(stderr.contains("no frame fits"), "{stderr}");
+    }
+}
