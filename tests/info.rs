@@ -297,3 +297,33 @@ fn a_channel_that_the_registers_do_not_speak_of_is_seen() {
         assert!(stderr.contains("no frame fits"), "{stderr}");
     }
 }
+
+#[test]
+fn every_key_is_explained() {
+    let page = include_str!("../docs/output.md");
+    let mut keys = std::collections::BTreeSet::new();
+    fn collect(value: &Value, keys: &mut std::collections::BTreeSet<String>) {
+        match value {
+            Value::Object(map) => map.iter().for_each(|(key, value)| {
+                keys.insert(key.clone());
+                collect(value, keys);
+            }),
+            Value::Array(list) => list.iter().for_each(|value| collect(value, keys)),
+            _ => {}
+        }
+    }
+    for args in [
+        vec!["info", "sim", "-o", "json"],
+        vec!["info", "sim:device=mhm,frame=st20,nE,nW,crc6", "-o", "json"],
+        vec!["info", "sim:motion=still", "--no-write", "-o", "json"],
+    ] {
+        let (stdout, _, _) = texts(biss(&args).output().unwrap());
+        json(&stdout)
+            .iter()
+            .for_each(|record| collect(record, &mut keys));
+    }
+    assert!(keys.len() > 20, "{keys:?}");
+    for key in keys {
+        assert!(page.contains(&format!("`{key}`")), "{key}");
+    }
+}
