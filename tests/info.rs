@@ -327,3 +327,33 @@ fn every_key_is_explained() {
         assert!(page.contains(&format!("`{key}`")), "{key}");
     }
 }
+
+/// Every register is there at the end, however often the slave let itself be waited for.
+#[test]
+fn registers_are_all_there_before_it_ends() {
+    for seed in 1..=40 {
+        let args = format!(
+            "read sim:reg-busy=0us..200us,seed={seed} --registers 0x78,0x79,0x7a -q -o json"
+        );
+        let (stdout, _, status) = run(&args);
+        assert_eq!(status, Some(0), "{args}");
+        let records = json(&stdout);
+        for (address, value) in (0x78..).zip(*b"BIS") {
+            let found = records.iter().find(|record| record["addr"] == address);
+            assert_eq!(found.unwrap()["value"], value, "{args}");
+        }
+    }
+}
+
+/// A start bit that stands elsewhere in each frame is no reason to doubt the format.
+#[test]
+fn a_busy_time_that_wanders_hides_no_format() {
+    for seed in 1..=10 {
+        let (all, stderr, status) = line(&format!("sim:busy=0us..40us,seed={seed}"));
+        assert_eq!(
+            (&all["frame"], status),
+            (&"mt12,st20,nE,nW,crc6".into(), Some(0)),
+            "seed {seed}: {stderr}"
+        );
+    }
+}

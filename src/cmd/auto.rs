@@ -5,7 +5,7 @@ use crate::output::info::Shape;
 use biss::format::Format;
 use biss::frame::BissC;
 use biss::identify::{self, Bus, Trial};
-use biss::identity::{self, Candidate, Known};
+use biss::identity::{self, Candidate, Known, Limit};
 use biss::master::Master;
 use biss::registers::{Registers, Trouble};
 
@@ -89,6 +89,17 @@ impl Found {
         doubts.chain(alike.then_some(STILL)).collect()
     }
 
+    /// What limits clock and times on this line: of each slave, and every one only once.
+    fn limits(&self) -> Vec<Limit> {
+        let mut limits: Vec<Limit> = Vec::new();
+        for limit in self.bus.devices.iter().flat_map(Known::limits) {
+            if !limits.contains(&limit) {
+                limits.push(limit);
+            }
+        }
+        limits
+    }
+
     fn why_none(&self) -> Unknown {
         if self.bus.present > 8 {
             return Unknown::TooMany;
@@ -114,12 +125,7 @@ impl Found {
             trials: &self.trials,
             chosen,
             doubts: chosen.map(|index| self.doubts(index)).unwrap_or_default(),
-            limits: self
-                .bus
-                .devices
-                .first()
-                .map(Known::limits)
-                .unwrap_or_default(),
+            limits: self.limits(),
         }
     }
 }

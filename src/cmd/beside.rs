@@ -4,9 +4,9 @@ use super::session::can_send;
 use crate::cli::{self, Span};
 use crate::output::reg::{Bad, Register};
 use anyhow::{Result, bail};
-use biss::control::{Access, MAX_IDS, Outcome};
+use biss::control::{Access, Failure, MAX_IDS, Outcome};
 use biss::master::Master;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// Registers that are read again and again.
 #[derive(Debug)]
@@ -17,8 +17,11 @@ pub(super) struct Beside {
     left: VecDeque<Span>,
     rounds: u64,
     bad: bool,
-    /// What a register gave when S had to be repeated for it, which takes a second reading that agrees.
-    doubtful: BTreeMap<u8, u8>,
+    /// What a register gave when S had to be repeated for it, which takes a second reading that agrees, and how often no
+    /// two agreed.
+    doubtful: BTreeMap<u8, (u8, u32)>,
+    /// Registers that have come, or cannot, since all of them last had.
+    settled: BTreeSet<u8>,
 }
 
 impl Beside {
@@ -41,6 +44,7 @@ impl Beside {
             rounds: 0,
             bad: false,
             doubtful: BTreeMap::new(),
+            settled: BTreeSet::new(),
         }))
     }
 
@@ -88,12 +92,7 @@ impl Beside {
         let mut records = Vec::new();
         for (index, (address, byte)) in (span.first..).zip(bytes).enumerate() {
             let waited = outcome.waited >> index & 1 == 1;
-            if !waited || self.doubtful.insert(address, *byte) == Some(*byte) {
-                records.push(Register {
-                    value: Some(*byte),
-                    ..Register::untouched(self.slave, None, address)
-                });
-            }
+            records.extend(self.believed(address, *byte, waited));
         }
         if let Some(failure) = outcome.failure {
             let address = span.first + bytes.len() as u8;
@@ -111,9 +110,42 @@ impl Beside {
                 });
             }
         }
-        if self.left.is_empty() && records.iter().any(|record| record.address == span.last) {
+        self.settled
+            .extend(records.iter().map(|record| record.address));
+        let mut wanted = self.wanted.iter().flat_map(|span| span.addresses());
+        if wanted.all(|address| self.settled.contains(&address)) {
             self.rounds += 1;
+            self.settled.clear();
         }
         records
+    }
+
+    /// A register that has come, if it can be believed already, or not at all.
+    fn believed(&mut self, address: u8, byte: u8, waited: bool) -> Option<Register> {
+        /// As many as `biss reg` takes.
+        const READINGS: u32 = 5;
+        let register = Register::untouched(self.slave, None, address);
+        let before = self.doubtful.remove(&address).filter(|_| waited);
+        if !waited || before.is_some_and(|(before, _)| before == byte) {
+            return Some(Register {
+                value: Some(byte),
+                ..register
+            });
+        }
+        let readings = before.map_or(1, |(_, readings)| readings + 1);
+        if let Some((first, _)) = before.filter(|_| readings >= READINGS) {
+            self.bad = true;
+            let unsteady = Failure::Unsteady {
+                address,
+                first,
+                second: byte,
+            };
+            return Some(Register {
+                bad: Some(Bad::new(unsteady, None)),
+                ..register
+            });
+        }
+        self.doubtful.insert(address, (byte, readings));
+        None
     }
 }
