@@ -850,3 +850,40 @@ fn a_reader_who_has_enough_is_no_error() {
     let (_, stderr, status) = texts(child.wait_with_output().unwrap());
     assert_eq!((stderr.as_str(), status), ("", Some(0)));
 }
+
+/// What a shell has opened for standard output is added to, not replaced.
+#[test]
+fn a_file_that_is_open_is_not_replaced() {
+    let log = std::env::temp_dir().join(format!("biss-log-{}", std::process::id()));
+    for target in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-"] {
+        std::fs::write(&log, "what was there\n").unwrap();
+        let out = std::fs::OpenOptions::new().append(true).open(&log).unwrap();
+        let args = ["reg", "sim", "save", "-w", target, "-q"];
+        let status = common::biss(&args).stdout(out).status().unwrap();
+        let text = std::fs::read_to_string(&log).unwrap();
+        assert_eq!(status.code(), Some(0), "{target}");
+        assert!(text.starts_with("what was there\n# "), "{target}: {text}");
+        assert!(text.contains("biss-registers 1"), "{target}: {text}");
+    }
+    std::fs::remove_file(&log).unwrap();
+}
+
+/// Records cannot be written, but what the encoder holds now has to be known.
+#[test]
+fn a_write_that_was_half_done_is_told_without_stdout() {
+    let full = std::fs::OpenOptions::new()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
+    let args = ["reg", "sim:read-only=0x12", "write", "0x10=1,2,3,4"];
+    let output = common::biss(&args).stdout(full).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    for words in [
+        "written: 0x10..0x11",
+        "not written: 0x12..0x13",
+        "No space left",
+    ] {
+        assert!(stderr.contains(words), "{stderr}");
+    }
+}

@@ -179,12 +179,14 @@ pub(super) fn work_on(
     let (told, effort, result) = run_work(&mut session, args, slave, work);
     let told = completed(told, args, slave, asked, &result);
     let quiet = args.wire.quiet;
-    deliver(&rendered(&told.records, args)?)?;
+    // A write that was half done has to be told wherever it can be.
+    let delivered = deliver(&rendered(&told.records, args)?);
     let noted = told.notes.iter().filter(|_| !quiet);
     noted.for_each(note);
     sum_up(&args.wire, args.format, effort, result.is_ok());
     let ended = match result {
-        Ok(true) => return Ok(session.end(Outcome::Good)),
+        Ok(true) if delivered.is_ok() => return Ok(session.end(Outcome::Good)),
+        Ok(true) => Ok(session.end(Outcome::Bad)),
         Ok(false) => {
             let complaint = complaint(args, &told.records);
             complaint.iter().filter(|_| !quiet).for_each(note);
@@ -196,7 +198,7 @@ pub(super) fn work_on(
     if !quiet {
         tell_written(&told.records);
     }
-    ended
+    delivered.and(ended)
 }
 
 type Worked = (Told, Option<Effort>, Result<bool, Halt>);
