@@ -261,6 +261,10 @@ fn fourteen_zeros_end_anything() {
             .collect();
         wire.control(&format!("{begins}{noise}"));
         wire.reset();
+        // Noise can be a command that switches control communication off, or select a bank that is not there.
+        if !wire.slave.control_active(0) || wire.slave.peek(0, 0, 0x40) != Some(0) {
+            continue;
+        }
         let (what, _, cdm, cds) = STRINGS[1];
         assert_eq!(wire.control(cdm), cds, "{what} after {begins}{noise}");
         // Thirteen are not enough.
