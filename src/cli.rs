@@ -334,7 +334,7 @@ Examples:
 
 Exit status:
   0  every slave was read; the frame is known, or the slaves do not describe it
-  1  registers could not be read, or frames contradict them
+  1  nobody answers, registers could not be read, or frames contradict them or fit several formats
   2  usage or machine";
 
 #[derive(Debug, Args)]

@@ -24,6 +24,9 @@
 //! per rising edge. A [`protocol::Protocol`], BiSS-C being [`frame::BissC`], turns a trace into words or a named
 //! [`cycle::Fault`]. The [`master::Master`] joins them. The [`slave`] is the other end of the wires.
 //!
+//! One CDM bit out and one CDS bit back in each cycle are the control communication: [`control`] knows its bits,
+//! [`registers::Registers`] reads and writes over a master, [`identify`] finds out who is on the line and what they send.
+//!
 //! ```
 //! use biss::{frame::BissC, link::sim, master::Master};
 //!
