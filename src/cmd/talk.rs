@@ -5,6 +5,7 @@ use crate::cli::Span;
 use crate::output::reg::{Bad, Register, list};
 use biss::control::{Access, Failure};
 use biss::cycle::Fault;
+use biss::link::Error;
 use biss::registers::{BANK_SELECT, Cell, Registers, Trouble};
 
 /// A register as far as it could be read.
@@ -214,20 +215,7 @@ impl<'t, 'm, 'a> Talk<'t, 'm, 'a> {
     ) -> Result<bool, Trouble> {
         let doing = format!("writing {}", named(span, self.slave));
         self.told.doing.clone_from(&doing);
-        let mut puts: Vec<Put> = Vec::new();
-        for ((address, want), old) in span.addresses().zip(values).zip(old) {
-            puts.push(Put {
-                record: Register {
-                    old: old.byte(),
-                    want: Some(*want),
-                    bad: Some(Bad::untried()),
-                    write: true,
-                    ..Register::untouched(self.slave, self.bank, address)
-                },
-                want: *want,
-                mute: false,
-            });
-        }
+        let mut puts = self.puts(span, values, old);
         let outcome = self.registers.access(Access::Write {
             slave: self.slave,
             address: span.first,
@@ -245,25 +233,49 @@ impl<'t, 'm, 'a> Talk<'t, 'm, 'a> {
             }
         };
         if check || failed {
-            match self.readings(span) {
-                Ok(now) => {
-                    for (put, now) in puts.iter_mut().zip(now) {
-                        put.read_back(now, check);
-                    }
-                }
-                Err(Trouble::Link(error)) => {
-                    return Err(self.unknown(puts, &doing, error.into()));
-                }
-                // The slave is not there any more: what is known is what it has echoed.
-                Err(trouble) => puts
-                    .iter_mut()
-                    .for_each(|put| put.unread(Bad::of(&trouble))),
+            if let Err(error) = self.look_back(span, &mut puts, check) {
+                return Err(self.unknown(puts, &doing, error.into()));
             }
-            self.told.doing.clone_from(&doing);
+            self.told.doing = doing;
         }
         let good = puts.iter().all(|put| put.record.bad.is_none());
         self.push(puts);
         Ok(good)
+    }
+
+    /// Registers that are going to be written, nothing being known about them yet.
+    fn puts(&self, span: Span, values: &[u8], old: &[Reading]) -> Vec<Put> {
+        let wanted = span.addresses().zip(values).zip(old);
+        wanted
+            .map(|((address, want), old)| Put {
+                record: Register {
+                    old: old.byte(),
+                    want: Some(*want),
+                    bad: Some(Bad::untried()),
+                    write: true,
+                    ..Register::untouched(self.slave, self.bank, address)
+                },
+                want: *want,
+                mute: false,
+            })
+            .collect()
+    }
+
+    /// Reads what has been written. Only the machine's failures are errors.
+    fn look_back(&mut self, span: Span, puts: &mut [Put], check: bool) -> Result<(), Error> {
+        match self.readings(span) {
+            Ok(now) => {
+                for (put, now) in puts.iter_mut().zip(now) {
+                    put.read_back(now, check);
+                }
+            }
+            Err(Trouble::Link(error)) => return Err(error),
+            // The slave is not there any more: what is known is what it has echoed.
+            Err(trouble) => puts
+                .iter_mut()
+                .for_each(|put| put.unread(Bad::of(&trouble))),
+        }
+        Ok(())
     }
 
     fn push(&mut self, puts: Vec<Put>) {
