@@ -1,4 +1,4 @@
-//! Registers read beside the frames: each bit of the talk rides on one of them, so no frame is lost or later for it.
+//! Registers read beside the frames: each bit of the talk rides on one of them, so no frame is lost for it.
 
 use super::session::can_send;
 use crate::cli::{self, Span};

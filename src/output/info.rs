@@ -79,27 +79,27 @@ pub(crate) fn text(shape: &Shape<'_>, all: bool) -> String {
 
 impl Part<'_> {
     fn text(&self, out: &mut String, all: bool) {
-        let distrust = self
-            .distrust
-            .map_or(String::new(), |why| format!("  ? {why}"));
-        let _ = writeln!(out, "{}{distrust}", self.title);
+        let _ = writeln!(out, "{}{}", self.title, marked(self.distrust));
         let said = |field: &&Field| {
             all || !field.name.is_empty() && (field.meaning != NOT_USED || field.doubt.is_some())
         };
         for field in self.fields.iter().filter(said) {
-            let doubt = field
-                .doubt
-                .map_or(String::new(), |doubt| format!("  ? {doubt}"));
             let line = format!(
-                "  0x{:02x}  {:9} {:17}  {}{doubt}",
+                "  0x{:02x}  {:9} {:17}  {}{}",
                 field.offset,
                 field.name,
                 short_hex(field),
                 field.meaning,
+                marked(field.doubt),
             );
             let _ = writeln!(out, "{}", line.trim_end());
         }
     }
+}
+
+/// A doubt as it stands behind what is doubted.
+fn marked(doubt: Option<&str>) -> String {
+    doubt.map_or(String::new(), |why| format!("  ? {why}"))
 }
 
 /// The bytes, a long run of equal ones only once.
@@ -129,31 +129,36 @@ impl Shape<'_> {
                 writeln!(out, "  ? {doubt}")?;
             }
         } else {
-            for (candidate, trial) in self.candidates.iter().zip(self.trials) {
-                writeln!(out, "tried {}", candidate.format)?;
-                writeln!(out, "  {}", candidate.reason)?;
-                match trial {
-                    Some(trial) => {
-                        write!(out, "  {} of {} frames fit", trial.good, trial.frames)?;
-                        match trial.fault {
-                            Some(fault) => writeln!(out, ", last fault {fault}")?,
-                            None => writeln!(out)?,
-                        }
-                    }
-                    None => writeln!(out, "  no CRC, so no frame can confirm it")?,
-                }
-            }
+            self.tried_text(out)?;
         }
         writeln!(out, "limits")?;
         for limit in &self.limits {
-            let doubt = limit
-                .doubt
-                .map_or(String::new(), |doubt| format!("  ? {doubt}"));
             writeln!(
                 out,
-                "  {:9} {:17}  {}{doubt}",
-                limit.name, limit.value, limit.source
+                "  {:9} {:17}  {}{}",
+                limit.name,
+                limit.value,
+                limit.source,
+                marked(limit.doubt)
             )?;
+        }
+        Ok(())
+    }
+
+    /// What was tried, where nothing or too much fits.
+    fn tried_text(&self, out: &mut String) -> std::fmt::Result {
+        for (candidate, trial) in self.candidates.iter().zip(self.trials) {
+            writeln!(out, "tried {}", candidate.format)?;
+            writeln!(out, "  {}", candidate.reason)?;
+            let Some(trial) = trial else {
+                writeln!(out, "  no CRC, so no frame can confirm it")?;
+                continue;
+            };
+            write!(out, "  {} of {} frames fit", trial.good, trial.frames)?;
+            match trial.fault {
+                Some(fault) => writeln!(out, ", last fault {fault}")?,
+                None => writeln!(out)?,
+            }
         }
         Ok(())
     }
