@@ -194,6 +194,7 @@ fn overheard<L: Link + HasSlave + Clone>(
 #[test]
 fn a_listener_hears_what_slaves_do() {
     let mut rng = common::rng();
+    let mut events = 0;
     for _ in 0..common::size(6) {
         let slaves = rng.usize(1..=3);
         let knobs = [
@@ -210,9 +211,10 @@ fn a_listener_hears_what_slaves_do() {
             false => overheard(sim_wave(&config), &mut rng, 60),
         };
         println!("{config}: {} events", done.len());
-        assert!(done.len() > 10);
+        events += done.len();
         assert_eq!(heard, done, "{config}");
     }
+    assert!(events > 10, "{events}");
 }
 
 /// Where frames are lost it hears less, and nothing else.
