@@ -59,11 +59,13 @@ pub mod place;
 pub mod preset;
 pub mod protocol;
 pub mod registers;
+pub mod scan;
 pub mod slave;
 pub mod slice;
 pub mod trace;
 pub mod track;
 pub mod unit;
+pub mod waveform;
 
 pub use format::Format;
 pub use parse::ParseError;

@@ -147,6 +147,11 @@ impl<'a> Master<'a> {
         }
     }
 
+    /// From the next cycle on [`Trace::wave`] holds both wires, change by change.
+    pub fn keep_waveform(&mut self) {
+        self.trace.wave = Some(Box::default());
+    }
+
     /// Starts no frame earlier than so long after the one before, whoever asks for it.
     pub fn keep_distance(&mut self, ns: u64) {
         self.distance_ns = ns;

@@ -23,6 +23,7 @@
 
 use crate::limits::{CLOCK_MIN_HZ, LINE_DELAY_MAX_NS, TIMEOUT_MIN_NS};
 use crate::trace::{Cut, MAX_CLOCKS, Trace};
+use crate::waveform::Change;
 use std::collections::VecDeque;
 
 /// Cuts a waveform into traces. Feed it levels in order of time with [`Slicer::push`] and take the cycles from
@@ -50,6 +51,8 @@ pub struct Slicer {
     /// MA's last rising edge that counted, and from there to the last rise of SL.
     risen_ns: u64,
     ready_ns: u64,
+    /// Every change that belongs to no trace yet, where somebody wants them.
+    log: Option<VecDeque<Change>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -276,7 +279,13 @@ impl Slicer {
             begin: Begin::Unknown,
             risen_ns: 0,
             ready_ns: 0,
+            log: None,
         }
+    }
+
+    /// From now on [`Trace::wave`] of each cycle gets all changes, where there is one.
+    pub fn keep_waveform(&mut self) {
+        self.log.get_or_insert_default();
     }
 
     /// MA and SLO from `t_ns` on, until the next call. `None` for SLO means neither 0 nor 1. Times that go
@@ -289,6 +298,9 @@ impl Slicer {
         }
         self.settle(t_ns);
         self.t_ns = t_ns;
+        if let Some(log) = &mut self.log {
+            log.push_back(Change { t_ns, ma, slo });
+        }
         if slo != self.slo {
             self.slo_changes(t_ns, slo);
         }
@@ -328,6 +340,12 @@ impl Slicer {
             return false;
         };
         sample(&edges, trace);
+        if let (Some(wave), Some(log)) = (&mut trace.wave, &mut self.log) {
+            while let Some(change) = log.front().filter(|change| change.t_ns <= edges.end_ns) {
+                wave.note(change.t_ns, change.ma, change.slo);
+                log.pop_front();
+            }
+        }
         edges.clear();
         self.spare.push(edges);
         true
@@ -614,6 +632,9 @@ fn sample(edges: &Edges, trace: &mut Trace) {
         }
         while let Some((_, next)) = changes.next_if(|(t, _)| *t <= at) {
             level = *next;
+        }
+        if let Some(wave) = &mut trace.wave {
+            wave.samples_ns.push(at);
         }
         match level {
             Some(level) => trace.bits.push(level),

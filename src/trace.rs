@@ -3,6 +3,7 @@
 //! Numbering, once and for all: bit 0 of a [`Trace`] is the SL level set by rising MA edge 1 (LAT), so a frame
 //! reads `1 0…0 1 CDS data… CRC 0`. Edges count from 1. The level before the first edge is a field of its own.
 
+use crate::waveform::Waveform;
 use std::fmt;
 
 /// Most rising edges one cycle can hold: eight full channels, both search limits at 10 MHz, and room.
@@ -209,6 +210,8 @@ pub struct Trace {
     pub surplus: u16,
     /// A recording that does not show the whole cycle.
     pub cut: Option<Cut>,
+    /// Both wires, change by change, for those who have put one here before the cycle.
+    pub wave: Option<Box<Waveform>>,
 }
 
 /// Where a recording begins or ends inside a cycle.
@@ -225,8 +228,13 @@ impl Trace {
     pub fn reset(&mut self) {
         self.bits.clear();
         let bits = std::mem::take(&mut self.bits);
+        let mut wave = self.wave.take();
+        if let Some(wave) = &mut wave {
+            wave.clear();
+        }
         *self = Trace {
             bits,
+            wave,
             ..Trace::default()
         };
     }

@@ -79,6 +79,7 @@ const CORE: &[&str] = &[
     "place.rs",
     "preset.rs",
     "protocol.rs",
+    "scan.rs",
     "slave.rs",
     "slave/config.rs",
     "slave/control.rs",
@@ -92,12 +93,15 @@ const CORE: &[&str] = &[
     "trace.rs",
     "track.rs",
     "unit.rs",
+    "waveform.rs",
 ];
 /// Know the core, not each other.
 const LINKS: &[&str] = &[
     "link/bitbang.rs",
     "link/bus.rs",
     "link/file.rs",
+    "link/file/source.rs",
+    "link/file/vcd.rs",
     "link/gpio.rs",
     "link/gpio/lines.rs",
     "link/gpio/serve.rs",

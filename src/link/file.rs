@@ -1,28 +1,21 @@
-//! `file`: a VCD recording of MA and SLO as a link that is not live.
+//! `file`: a recording of MA and SLO as a link that is not live.
+
+mod source;
+mod vcd;
 
 use super::{Caps, Clock, Error, Known, Link};
 use crate::slice::Slicer;
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
-use std::io::{self, BufRead, BufReader, Read};
-use vcd::{Command, IdCode, Parser, ScopeItem, Value, Var};
+use source::{Channel, Source};
+use std::io::Read;
+use vcd::Vcd;
 
 /// A recording, read as it is used.
 pub struct Recording {
-    parser: Parser<Box<dyn BufRead>>,
+    source: Box<dyn Source>,
     name: String,
-    ma_id: IdCode,
-    slo_id: IdCode,
-    /// One tick is so many femtoseconds.
-    tick_fs: u64,
     slicer: Slicer,
-    /// The levels that hold from `tick` on, to be pushed when the next time comes.
-    tick: u64,
-    ma: Option<bool>,
-    slo: Option<bool>,
-    /// MA has changed in this tick, and changed again.
-    ma_moved: bool,
-    coarse: bool,
     now_ns: u64,
     ended: bool,
     damage: Option<Error>,
@@ -43,178 +36,50 @@ pub fn open(
     slo: Option<&str>,
     timeout_max_ns: u64,
 ) -> Result<Recording, Error> {
-    // The parser wants whitespace behind the last word, and keeps a word of any length.
-    let whole = Bounded {
-        inner: input,
-        unbroken: 0,
-    }
-    .chain(&b"\n"[..]);
-    let reader: Box<dyn BufRead> = Box::new(BufReader::with_capacity(1 << 16, whole));
-    Recording::new(reader, name.to_owned(), ma, slo, timeout_max_ns)
-}
-
-/// Refuses what no VCD has, so that a broken input cannot fill the memory.
-struct Bounded<R> {
-    inner: R,
-    /// Bytes since the last end of a line.
-    unbroken: usize,
-}
-
-const LONGEST_LINE: usize = 1 << 20;
-
-impl<R: Read> Read for Bounded<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let n = self.inner.read(buffer)?;
-        self.unbroken = match buffer[..n].iter().rposition(|byte| *byte == b'\n') {
-            Some(end) => n - end - 1,
-            None => self.unbroken + n,
-        };
-        if self.unbroken > LONGEST_LINE {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidData,
-                "a line of more than 1 MiB",
-            ));
-        }
-        Ok(n)
-    }
+    let doing = format!("reading the header of {name}");
+    let source = Vcd::open(input).map_err(|said| Error::new(&doing, said, HINT))?;
+    Recording::new(Box::new(source), name.to_owned(), ma, slo, timeout_max_ns)
 }
 
 impl Recording {
     fn new(
-        reader: Box<dyn BufRead>,
+        mut source: Box<dyn Source>,
         name: String,
         ma: Option<&str>,
         slo: Option<&str>,
         timeout_max_ns: u64,
     ) -> Result<Recording, Error> {
         let doing = format!("reading the header of {name}");
-        let mut parser = Parser::new(reader);
-        let header = parser
-            .parse_header()
-            .map_err(|e| Error::new(&doing, complaint(&e), HINT))?;
-        let (count, unit) = header
-            .timescale
-            .ok_or_else(|| Error::new(&doing, "it has no $timescale", HINT))?;
-        let mut wires = Vec::new();
-        collect(&header.items, "", &mut wires);
-        let ma_id = find(
-            &wires,
+        let ma = find(
+            source.channels(),
             ma,
             &["ma", "ma+", "ma_p", "clk", "clock", "mao"],
             "ma",
             &doing,
         )?;
-        let slo_id = find(
-            &wires,
+        let slo = find(
+            source.channels(),
             slo,
             &["slo", "sl", "slo+", "sl+", "slo_p", "sl_p", "data"],
             "slo",
             &doing,
         )?;
-        if ma_id == slo_id {
+        if ma == slo {
             return Err(Error::new(
                 doing,
                 "ma and slo name the same signal",
                 "give both: file:PATH,ma=NAME,slo=NAME",
             ));
         }
+        source.select(ma, slo);
         Ok(Recording {
-            parser,
+            source,
             name,
-            ma_id,
-            slo_id,
-            tick_fs: u64::from(count).saturating_mul(1_000_000_000_000_000 / unit.divisor()),
             slicer: Slicer::new(timeout_max_ns),
-            tick: 0,
-            ma: None,
-            slo: None,
-            ma_moved: false,
-            coarse: false,
             now_ns: 0,
             ended: false,
             damage: None,
         })
-    }
-
-    fn ns(&self, tick: u64) -> u64 {
-        u64::try_from(u128::from(tick) * u128::from(self.tick_fs) / 1_000_000).unwrap_or(u64::MAX)
-    }
-
-    /// Hands the levels of the tick that is over to the slicer.
-    fn flush(&mut self) {
-        let t_ns = self.ns(self.tick);
-        match self.ma {
-            Some(ma) => self.slicer.push(t_ns, ma, self.slo),
-            // Before MA is known there is nothing to time, and no edge can be told after it was lost.
-            None => self.slicer.gap(t_ns),
-        }
-        self.ma_moved = false;
-    }
-
-    /// Reads one more command. False at the end.
-    fn step(&mut self) -> bool {
-        match self.parser.next() {
-            Some(Ok(Command::Timestamp(tick))) if tick != self.tick => {
-                self.flush();
-                if tick < self.tick {
-                    self.spoiled("time goes backwards".into());
-                    return false;
-                }
-                self.tick = tick;
-                if self.coarse {
-                    self.spoiled(
-                        "MA changes twice within one tick: the time scale is too coarse for it"
-                            .into(),
-                    );
-                    return false;
-                }
-            }
-            Some(Ok(Command::ChangeScalar(id, value))) => self.change(id, value),
-            Some(Ok(Command::ChangeVector(id, values))) => {
-                // A wire of one bit, written as a vector of one.
-                if let Some(value) = values.get(values.len().wrapping_sub(1)) {
-                    self.change(id, value);
-                }
-            }
-            Some(Ok(_)) => {}
-            Some(Err(error)) => {
-                self.spoiled(complaint(&error));
-                return false;
-            }
-            None => return false,
-        }
-        true
-    }
-
-    fn spoiled(&mut self, said: String) {
-        let doing = format!(
-            "reading the recording {}, line {}",
-            self.name,
-            self.parser.line()
-        );
-        self.damage = Some(Error::new(
-            doing,
-            said,
-            "everything before this line was delivered",
-        ));
-    }
-
-    fn change(&mut self, id: IdCode, value: Value) {
-        let level = match value {
-            Value::V0 => Some(false),
-            Value::V1 => Some(true),
-            Value::X | Value::Z => None,
-        };
-        if id == self.ma_id {
-            if self.ma_moved && level.is_some() && level != self.ma {
-                self.coarse = true;
-            }
-            self.ma_moved |= level != self.ma;
-            self.ma = level;
-        }
-        if id == self.slo_id {
-            self.slo = level;
-        }
     }
 
     fn next_trace(&mut self, trace: &mut Trace) -> bool {
@@ -226,60 +91,40 @@ impl Recording {
             if self.ended {
                 return false;
             }
-            if !self.step() {
-                self.ended = true;
-                self.flush();
-                self.slicer.finish(self.ns(self.tick));
+            let read = self.source.read(&mut self.slicer);
+            if read == Ok(true) {
+                continue;
             }
-        }
-    }
-}
-
-/// What is wrong with the text of a file is told from trouble in reading it.
-fn complaint(error: &io::Error) -> String {
-    match error
-        .get_ref()
-        .and_then(|inner| inner.downcast_ref::<vcd::ParseError>())
-    {
-        Some(parse) => format!("this is no VCD: {parse}"),
-        None => error.to_string(),
-    }
-}
-
-/// All one-bit signals with their scopes.
-fn collect<'a>(items: &'a [ScopeItem], scope: &str, wires: &mut Vec<(String, &'a Var)>) {
-    for item in items {
-        match item {
-            ScopeItem::Scope(inner) => collect(
-                &inner.items,
-                &format!("{scope}{}.", inner.identifier),
-                wires,
-            ),
-            ScopeItem::Var(var) if var.size == 1 => {
-                wires.push((format!("{scope}{}", var.reference), var))
-            }
-            _ => {}
+            self.ended = true;
+            self.slicer.finish(self.source.now_ns());
+            self.damage = read.err().map(|damage| {
+                Error::new(
+                    format!("reading the recording {}, {}", self.name, damage.place),
+                    damage.said,
+                    "everything before this place was delivered",
+                )
+            });
         }
     }
 }
 
 fn find(
-    wires: &[(String, &Var)],
+    channels: &[Channel],
     asked: Option<&str>,
     usual: &[&str],
     key: &str,
     doing: &str,
-) -> Result<IdCode, Error> {
+) -> Result<usize, Error> {
     let say = format!("say which: file:PATH,{key}=NAME");
-    let by_name = |name: &str| -> Vec<&(String, &Var)> {
-        let exact: Vec<_> = wires
+    let by_name = |name: &str| -> Vec<&Channel> {
+        let exact: Vec<_> = channels
             .iter()
-            .filter(|(path, var)| path == name || var.reference == name)
+            .filter(|channel| channel.path == name || channel.name == name)
             .collect();
         let alike = || {
-            wires
+            channels
                 .iter()
-                .filter(|(_, var)| var.reference.eq_ignore_ascii_case(name))
+                .filter(|channel| channel.name.eq_ignore_ascii_case(name))
                 .collect()
         };
         if exact.is_empty() { alike() } else { exact }
@@ -292,13 +137,16 @@ fn find(
             .find(|found| !found.is_empty())
             .unwrap_or_default(),
     };
-    let list = |wires: &mut dyn Iterator<Item = &str>| wires.collect::<Vec<_>>().join(", ");
-    let Some((_, first)) = found.first() else {
+    let list = |found: &mut dyn Iterator<Item = &Channel>| {
+        let paths: Vec<&str> = found.map(|channel| channel.path.as_str()).collect();
+        paths.join(", ")
+    };
+    let Some(first) = found.first() else {
         let what = match asked {
             Some(name) => format!("no signal `{name}`"),
             None => format!("no signal that looks like {}", key.to_uppercase()),
         };
-        let names = list(&mut wires.iter().map(|(path, _)| path.as_str()));
+        let names = list(&mut channels.iter());
         let names = if names.is_empty() {
             "none".to_owned()
         } else {
@@ -311,15 +159,15 @@ fn find(
         ));
     };
     // The same signal under several names is one signal.
-    if found.iter().any(|(_, var)| var.code != first.code) {
-        let names = list(&mut found.iter().map(|(path, _)| path.as_str()));
+    if found.iter().any(|channel| channel.id != first.id) {
+        let names = list(&mut found.iter().copied());
         return Err(Error::new(
             doing,
             format!("several signals could be {}: {names}", key.to_uppercase()),
             say,
         ));
     }
-    Ok(first.code)
+    Ok(first.id)
 }
 
 impl std::fmt::Debug for Recording {
@@ -370,6 +218,9 @@ impl Link for Recording {
 
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
         let wanted = asks.len().min(out.len());
+        if out.iter().any(|trace| trace.wave.is_some()) {
+            self.slicer.keep_waveform();
+        }
         for (done, trace) in out.iter_mut().take(wanted).enumerate() {
             if !self.next_trace(trace) {
                 return match self.damage.take() {

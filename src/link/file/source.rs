@@ -1,0 +1,41 @@
+//! What readers of recordings have in common.
+
+use crate::slice::Slicer;
+
+/// A one-bit signal of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Channel {
+    /// As the file names it, without what it stands in.
+    pub(super) name: String,
+    /// With what it stands in, `top.encoder.ma`; else the name.
+    pub(super) path: String,
+    /// What [`Source::select`] wants. Two channels with the same one are the same signal.
+    pub(super) id: usize,
+}
+
+/// What a recording's reader stumbled over.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Damage {
+    /// `line 12`, `byte 4711`.
+    pub(super) place: String,
+    /// What is wrong there.
+    pub(super) said: String,
+}
+
+/// A reader of one kind of recording. Its header has been read.
+pub(super) trait Source {
+    /// What there is to choose from.
+    fn channels(&self) -> &[Channel];
+
+    /// Which of them are MA and SLO. Once, before anything is read.
+    fn select(&mut self, ma: usize, slo: usize);
+
+    /// Reads on, a block at a time, and hands what it finds to `slicer`. False at the end.
+    ///
+    /// # Errors
+    /// Where it can read no further; everything before that place has been handed over.
+    fn read(&mut self, slicer: &mut Slicer) -> Result<bool, Damage>;
+
+    /// How far it has come.
+    fn now_ns(&self) -> u64;
+}
