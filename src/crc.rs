@@ -15,7 +15,7 @@ pub struct Crc {
     poly: u32,
     init: u16,
     inverted: bool,
-    table: &'static crc::Crc<u16>,
+    table: &'static Table,
 }
 
 /// The polynomials a width alone stands for. 4: control channel (D2, p. 14); 5: universal profile BP0 and iC-MD; 6: standard
@@ -107,9 +107,7 @@ impl Crc {
                 (init >> unmet, (self.init << len) & mask)
             }
         };
-        let bytes = (data ^ first).to_be_bytes();
-        let used = usize::from(len).div_ceil(8);
-        let sum = self.table.checksum(&bytes[8 - used..]) ^ rest;
+        let sum = self.table.checksum(data ^ first) ^ rest;
         if self.inverted { sum ^ mask } else { sum }
     }
 }
@@ -121,25 +119,60 @@ fn default_poly(bits: u8) -> Option<u32> {
         .map(|(_, poly)| *poly)
 }
 
-/// Crate `crc` wants its tables for ever, so each polynomial is built once and kept.
-fn table(bits: u8, poly: u16) -> &'static crc::Crc<u16> {
-    static TABLES: Mutex<Vec<&'static crc::Crc<u16>>> = Mutex::new(Vec::new());
+/// What each byte of a message adds to the CRC, by its place from the end: they meet in one exclusive or, and none waits
+/// for another as in a register.
+struct Table {
+    bits: u8,
+    poly: u16,
+    bytes: [[u16; 256]; 8],
+}
+
+impl Table {
+    /// From what crate `crc` says of messages with a single 1.
+    fn new(bits: u8, poly: u16) -> Table {
+        let algorithm = crc::Algorithm {
+            width: bits,
+            poly,
+            init: 0,
+            refin: false,
+            refout: false,
+            xorout: 0,
+            check: 0,
+            residue: 0,
+        };
+        // It wants to keep what it is given for ever; so few bytes are no loss.
+        let crc = crc::Crc::<u16, crc::NoTable>::new(Box::leak(Box::new(algorithm)));
+        let mut bytes = [[0; 256]; 8];
+        for (place, sums) in bytes.iter_mut().enumerate() {
+            for byte in 1..256usize {
+                let lowest = byte & byte.wrapping_neg();
+                sums[byte] = if byte == lowest {
+                    crc.checksum(&((byte as u64) << (8 * place)).to_be_bytes())
+                } else {
+                    sums[byte ^ lowest] ^ sums[lowest]
+                };
+            }
+        }
+        Table { bits, poly, bytes }
+    }
+
+    #[inline]
+    fn checksum(&self, data: u64) -> u16 {
+        let [a, b, c, d, e, f, g, h] = data.to_le_bytes().map(usize::from);
+        let t = &self.bytes;
+        (t[0][a] ^ t[1][b] ^ t[2][c] ^ t[3][d]) ^ (t[4][e] ^ t[5][f] ^ t[6][g] ^ t[7][h])
+    }
+}
+
+/// Each polynomial's table is made once and kept.
+fn table(bits: u8, poly: u16) -> &'static Table {
+    static TABLES: Mutex<Vec<&'static Table>> = Mutex::new(Vec::new());
     let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
-    let known = |t: &&&crc::Crc<u16>| t.algorithm.width == bits && t.algorithm.poly == poly;
+    let known = |t: &&&Table| t.bits == bits && t.poly == poly;
     if let Some(table) = tables.iter().find(known) {
         return table;
     }
-    let algorithm = Box::leak(Box::new(crc::Algorithm {
-        width: bits,
-        poly,
-        init: 0,
-        refin: false,
-        refout: false,
-        xorout: 0,
-        check: 0,
-        residue: 0,
-    }));
-    let table = &*Box::leak(Box::new(crc::Crc::<u16>::new(algorithm)));
+    let table = &*Box::leak(Box::new(Table::new(bits, poly)));
     tables.push(table);
     table
 }

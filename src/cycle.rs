@@ -330,7 +330,8 @@ impl Cycle {
 
     /// Forgets the cycle before.
     pub(crate) fn reset(&mut self) {
-        *self = Cycle::default();
+        // Words that are not counted are not shown.
+        (self.fault, self.head, self.channels) = (None, None, 0);
     }
 
     /// Ack, start and CDS were found.

@@ -17,6 +17,7 @@ pub const MAX_DATA_BITS: u32 = 64;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Format {
     channels: Vec<Channel>,
+    bits: u16,
 }
 
 /// One data channel: 1 to 64 data bits, most significant first, then its CRC if it has one.
@@ -169,10 +170,13 @@ impl Format {
 
     /// Data and CRC bits of all channels together.
     pub fn bits(&self) -> u16 {
-        self.channels
-            .iter()
-            .map(|c| u16::from(c.data_bits) + u16::from(c.crc_bits()))
-            .sum()
+        self.bits
+    }
+
+    fn new(channels: Vec<Channel>) -> Format {
+        let bits = |c: &Channel| u16::from(c.data_bits) + u16::from(c.crc_bits());
+        let bits = channels.iter().map(bits).sum();
+        Format { channels, bits }
     }
 }
 
@@ -243,7 +247,7 @@ impl FromStr for Format {
             }
             channels.push(channel(part).map_err(|e| e.within(text, at))?);
         }
-        Ok(Format { channels })
+        Ok(Format::new(channels))
     }
 }
 

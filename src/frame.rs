@@ -117,13 +117,15 @@ impl BissC {
 
     /// MA stood still for too long for the slave, or for a bit to be told from the next one.
     fn stalled(&self, trace: &Trace) -> Option<Fault> {
-        let limit_ns = self.stall_limit_ns(trace);
-        if let Some(level) = trace.longest.filter(|level| level.ns > limit_ns) {
-            return Some(Fault::Stalled {
-                level_ns: level.ns,
-                limit_ns,
-                edge: level.edge,
-            });
+        if let Some(level) = trace.longest {
+            let limit_ns = self.stall_limit_ns(trace);
+            if level.ns > limit_ns {
+                return Some(Fault::Stalled {
+                    level_ns: level.ns,
+                    limit_ns,
+                    edge: level.edge,
+                });
+            }
         }
         // The sampling phase keeps a quarter of a clock to the next bit; half of that is left to calls that take
         // longer than usual. Nothing on the wire protects the start bit from being read twice.
@@ -135,6 +137,38 @@ impl BissC {
             limit_ns,
             edge: late.edge,
         })
+    }
+
+    /// Ack, start and CDS where they stand in most frames, a word at a time; `None` where [`BissC::head`] has to look.
+    #[inline]
+    fn usual_head(&self, trace: &Trace) -> Option<(Head, usize)> {
+        let bits = &trace.bits;
+        let first = bits.chunk(0);
+        let ack_at = first.leading_ones();
+        let ack = (first << (ack_at % 64)).leading_zeros();
+        let start_at = (ack_at + ack) as usize;
+        let few = limits::BUSY_CLOCKS.into();
+        let near = (1..=few + 1).contains(&ack_at) && ack <= few;
+        let whole = bits.len() > start_at + usize::from(self.tail()) + usize::from(trace.surplus);
+        let plain = trace.cut.is_none()
+            && trace.idle != Some(false)
+            && trace.misplaced_ns.is_none()
+            && trace.late.is_none()
+            && trace.delay_ns.is_none_or(|ns| {
+                u64::from(ns) <= u64::from(limits::BUSY_CLOCKS).saturating_mul(period(trace))
+            })
+            && trace
+                .longest
+                .is_none_or(|level| level.ns <= self.stall_limit_ns(trace));
+        if !(near && whole && plain) {
+            return None;
+        }
+        let head = Head {
+            delay_clk: ack_at as u16 - 1,
+            ack: ack as u16,
+            cds: first << (start_at + 1) >> 63 == 1,
+        };
+        Some((head, start_at + 2))
     }
 
     fn head(&self, trace: &Trace) -> Result<(Head, usize), Fault> {
@@ -310,16 +344,20 @@ impl Protocol for BissC {
 
     fn decode(&self, trace: &Trace, cycle: &mut Cycle) {
         cycle.reset();
-        let (head, data_at) = match self.head(trace) {
-            Ok(found) => found,
-            Err(fault) => return cycle.spoil(fault),
+        let (head, data_at) = match self.usual_head(trace) {
+            Some(found) => found,
+            None => match self.head(trace) {
+                Ok(found) => found,
+                Err(fault) => return cycle.spoil(fault),
+            },
         };
         cycle.found(head);
         if self.head_only {
             return;
         }
+        let bits = &trace.bits;
         let stop_at = data_at + usize::from(self.format.bits());
-        if let Some(high) = trace.bits.find(stop_at, true) {
+        if let Some(high) = bits.find(stop_at, true) {
             return cycle.spoil(Fault::Stop {
                 clock: high as u16 + 1,
             });
@@ -327,29 +365,30 @@ impl Protocol for BissC {
         let channels = self.format.channels();
         let mut at = data_at;
         for (word, channel) in cycle.open(channels.len()).iter_mut().zip(channels) {
-            *word = read_word(&trace.bits, at, channel);
-            at += usize::from(channel.data_bits() + channel.crc_bits());
+            *word = read_word(bits, at, channel);
+            at += usize::from(channel.data_bits()) + usize::from(channel.crc_bits());
         }
     }
 }
 
+/// The bits are there: the stop bit, which comes later, is.
+#[inline]
 fn read_word(bits: &Bits, at: usize, channel: &Channel) -> Word {
-    let (data_bits, crc_bits) = (
-        usize::from(channel.data_bits()),
-        usize::from(channel.crc_bits()),
-    );
-    // The caller has checked that the stop bit, which comes later, is there.
-    let data = bits.word(at, data_bits).unwrap_or(0);
-    let crc = bits.word(at + data_bits, crc_bits).unwrap_or(0) as u16;
-    let want = channel.crc().map_or(0, |c| c.of(data, channel.data_bits()));
-    let fault = if crc != want {
-        Some(Fault::Crc { got: crc, want })
+    let (data_bits, crc) = (channel.data_bits(), channel.crc());
+    let data = bits.chunk(at) >> (64 - u32::from(data_bits));
+    let (got, want) = crc.map_or((0, 0), |crc| {
+        let behind = bits.chunk(at + usize::from(data_bits));
+        let got = (behind >> (64 - u32::from(crc.bits()))) as u16;
+        (got, crc.of(data, data_bits))
+    });
+    let fault = if got != want {
+        Some(Fault::Crc { got, want })
     } else if data == 0 && channel.has_null() {
         Some(Fault::Null)
     } else {
         None
     };
-    Word::received(data, crc, fault)
+    Word::received(data, got, fault)
 }
 
 /// The inverse of decoding: the SL levels of a frame, from edge 1 to the stop bit.

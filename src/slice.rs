@@ -22,7 +22,8 @@
 //! step.
 
 use crate::limits::{CLOCK_MIN_HZ, LINE_DELAY_MAX_NS, TIMEOUT_MIN_NS};
-use crate::trace::{Cut, MAX_CLOCKS, Trace};
+use crate::scan::Regular;
+use crate::trace::{Cut, Level, MAX_CLOCKS, Trace};
 use crate::waveform::Change;
 use std::collections::VecDeque;
 
@@ -40,7 +41,7 @@ pub struct Slicer {
     cycle: Edges,
     /// SL rose as at the end of a cycle: it was that, unless MA rises with it.
     let_go: Option<u64>,
-    done: VecDeque<Edges>,
+    done: VecDeque<Done>,
     /// So many at the end of `done` wait for the next ones to confirm them.
     held: usize,
     spare: Vec<Edges>,
@@ -53,6 +54,15 @@ pub struct Slicer {
     ready_ns: u64,
     /// Every change that belongs to no trace yet, where somebody wants them.
     log: Option<VecDeque<Change>>,
+}
+
+/// A finished cycle.
+#[derive(Debug)]
+enum Done {
+    /// As it was pushed.
+    Pushed(Edges),
+    /// As it was read from samples.
+    Read(Regular),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +89,7 @@ enum Begin {
 
 /// Rising edges at a constant clock: the line through all of them.
 #[derive(Clone, Copy, Debug)]
-struct Line {
+pub(crate) struct Line {
     first_ns: f64,
     period_ns: f64,
     /// No two edges part by more than a sample of eight a clock: no pattern of longer and shorter clocks is in them.
@@ -89,7 +99,7 @@ struct Line {
 impl Line {
     /// Least squares. `None` where an edge is farther from the line than eight samples a clock explain: a pause is
     /// never smoothed over.
-    fn through(rises: &[u64]) -> Option<Line> {
+    pub(crate) fn through(rises: &[u64]) -> Option<Line> {
         let [origin, _, _, ..] = rises else {
             return None;
         };
@@ -122,6 +132,23 @@ impl Line {
     /// Rising edges count from 0 here.
     fn at(&self, index: usize) -> f64 {
         self.first_ns + index as f64 * self.period_ns
+    }
+
+    /// The middle of the bit that a rising edge set, when the Ack came at `ack_ns`, 0 for none.
+    #[inline]
+    pub(crate) fn middle(&self, rises: &[u64], index: usize, ack_ns: u64) -> u64 {
+        // Where some clocks are longer than others the truth is between the line and the edges.
+        let weight = if self.constant { 0.0 } else { 0.5 };
+        let place = |index: usize| {
+            let edge_ns = rises.get(index).map_or(0.0, |rise| *rise as f64);
+            self.at(index) * (1.0 - weight) + edge_ns * weight
+        };
+        let delay = if ack_ns == 0 {
+            0.0
+        } else {
+            ack_ns as f64 - place(1)
+        };
+        (place(index) + delay + self.period_ns / 2.0) as u64
     }
 }
 
@@ -184,8 +211,8 @@ impl Edges {
 
     /// Mean of the rise-to-rise times about their median: one pause does not change it.
     fn period(&self) -> Option<u64> {
-        if let Some(line) = Line::through(&self.rises) {
-            return Some(line.period_ns.round() as u64);
+        if let Some(steady) = self.steady() {
+            return Some(steady);
         }
         let spans = || self.rises.windows(2).map(|pair| pair[1] - pair[0]);
         let mut sorted: Vec<u64> = spans().collect();
@@ -197,6 +224,15 @@ impl Edges {
         let usual = spans().filter(|span| span.abs_diff(median) <= median / 4);
         let (count, sum) = usual.fold((0, 0), |(count, sum), span| (count + 1, sum + span));
         Some(sum / count)
+    }
+
+    /// Mean of all rise-to-rise times, where none is far from it.
+    fn steady(&self) -> Option<u64> {
+        let (first, last) = self.rises.first().zip(self.rises.last())?;
+        let spans = self.rises.len() as u64 - 1;
+        let mean = (last - first + spans / 2).checked_div(spans)?;
+        let usual = |pair: &[u64]| (pair[1] - pair[0]).abs_diff(mean) <= mean / 4;
+        self.rises.windows(2).all(usual).then_some(mean)
     }
 
     /// SL falling after the second rising edge (D2, p. 8), until the start bit: that comes a clock later, or three quarters
@@ -336,8 +372,13 @@ impl Slicer {
         if self.done.len() <= self.held {
             return false;
         }
-        let Some(mut edges) = self.done.pop_front() else {
-            return false;
+        let mut edges = match self.done.pop_front() {
+            Some(Done::Pushed(edges)) => edges,
+            Some(Done::Read(regular)) => {
+                show(&regular, trace);
+                return true;
+            }
+            None => return false,
         };
         sample(&edges, trace);
         if let (Some(wave), Some(log)) = (&mut trace.wave, &mut self.log) {
@@ -349,6 +390,41 @@ impl Slicer {
         edges.clear();
         self.spare.push(edges);
         true
+    }
+
+    /// Whether all changes are wanted, and not the cycles alone.
+    pub(crate) fn keeps_waveform(&self) -> bool {
+        self.log.is_some()
+    }
+
+    /// The slave's longest timeout.
+    pub(crate) fn timeout_ns(&self) -> u64 {
+        self.timeout_ns
+    }
+
+    /// Whether a cycle that begins at `t_ns` with a falling edge of MA can be read as a whole: both wires are 1, and nothing
+    /// that came before has a say in it.
+    pub(crate) fn is_calm(&mut self, t_ns: u64) -> bool {
+        if self.begun {
+            self.settle(t_ns);
+        }
+        let rested = t_ns.saturating_sub(self.moved_ns) > self.longest_rest();
+        self.begun
+            && self.state == State::Rest
+            && (self.begin == Begin::Certain || rested)
+            && self.held == 0
+            && self.ma
+            && self.slo == Some(true)
+    }
+
+    /// A cycle that was read as a whole, where the slicer is calm.
+    pub(crate) fn accept(&mut self, regular: Regular) {
+        self.begin = Begin::Certain;
+        self.moved_ns = regular.risen_ns;
+        self.risen_ns = regular.risen_ns;
+        self.ready_ns = regular.ready_ns;
+        self.t_ns = regular.risen_ns + regular.ready_ns;
+        self.done.push_back(Done::Read(regular));
     }
 
     /// A rest of MA that ends every frame, and after which no bit is on its way.
@@ -537,7 +613,7 @@ impl Slicer {
         // An answer that is missing cannot mislead; one that may be another's can.
         let known = edges.begin == Begin::Certain && (delay.is_some() || answered.is_none());
         self.begin = if known { Begin::Certain } else { Begin::Likely };
-        self.done.push_back(edges);
+        self.done.push_back(Done::Pushed(edges));
     }
 
     /// Cycles in a row with the same line delay, each measured on its own, began where they seem to.
@@ -547,7 +623,10 @@ impl Slicer {
             return;
         };
         let held = self.done.len() - self.held..;
-        let alike = |other: &Edges| {
+        let alike = |other: &Done| {
+            let Done::Pushed(other) = other else {
+                return false;
+            };
             // A cycle that was cut short has no period of its own, or a wrong one.
             let period = other.period().unwrap_or(0).min(period);
             let other = other.delay().unwrap_or(u64::MAX);
@@ -557,7 +636,9 @@ impl Slicer {
             self.held = 0;
         } else if edges.begin == Begin::Certain || self.held + 1 >= CONFIRMING {
             for other in self.done.range_mut(held) {
-                other.begin = Begin::Certain;
+                if let Done::Pushed(other) = other {
+                    other.begin = Begin::Certain;
+                }
             }
             edges.begin = Begin::Certain;
             self.held = 0;
@@ -570,6 +651,23 @@ impl Slicer {
 /// By how much two channels of an analyser may be out of step: a sample.
 fn skew(period: u64) -> u64 {
     period / 8 + 1
+}
+
+/// What was read as a whole.
+fn show(regular: &Regular, trace: &mut Trace) {
+    trace.reset();
+    trace.t_ns = regular.t_ns;
+    trace.idle = Some(true);
+    trace.cdm = Some(false);
+    trace.ready_ns = u32::try_from(regular.ready_ns).ok();
+    trace.ma_period_ns = Some(regular.period_ns);
+    trace.delay_ns = Some(regular.delay_ns);
+    trace.reference_ns = Some(regular.reference_ns);
+    trace.longest = Some(Level {
+        ns: regular.longest_ns,
+        edge: regular.longest_edge,
+    });
+    trace.bits.set(&regular.bits, regular.clocks);
 }
 
 /// One level a rising edge, in the middle of the bit it set.
@@ -610,16 +708,7 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     let mut level = edges.idle;
     for (index, rise) in edges.rises.iter().enumerate() {
         let at = match line {
-            Some(line) => {
-                // Where some clocks are longer than others the truth is between the line and the edges.
-                let weight = if line.constant { 0.0 } else { 0.5 };
-                let place = |index: usize| {
-                    let edge_ns = edges.rises.get(index).map_or(0.0, |rise| *rise as f64);
-                    line.at(index) * (1.0 - weight) + edge_ns * weight
-                };
-                let delay = ack_ns.map_or(0.0, |ack| ack as f64 - place(1));
-                (place(index) + delay + line.period_ns / 2.0) as u64
-            }
+            Some(line) => line.middle(&edges.rises, index, ack_ns.unwrap_or(0)),
             None => {
                 // A bit is as long as its clock, which may be shorter than most.
                 let clock = edges.rises.get(index + 1).map(|next| next - rise);

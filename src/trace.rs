@@ -14,14 +14,23 @@ const WORDS: usize = MAX_CLOCKS / 64;
 /// A bit string of at most [`MAX_CLOCKS`] bits that never allocates. Bit 0 is the first on the wire.
 #[derive(Clone, Debug)]
 pub struct Bits {
-    words: [u64; WORDS],
+    /// One more than bits need, so that a word may be read across the end.
+    words: [u64; WORDS + 1],
     len: u16,
 }
+
+impl PartialEq for Bits {
+    fn eq(&self, other: &Bits) -> bool {
+        self.len == other.len && self.iter().eq(other.iter())
+    }
+}
+
+impl Eq for Bits {}
 
 impl Default for Bits {
     fn default() -> Bits {
         Bits {
-            words: [0; WORDS],
+            words: [0; WORDS + 1],
             len: 0,
         }
     }
@@ -58,12 +67,43 @@ impl Bits {
         self.len += 1;
     }
 
+    /// Takes over all bits of `bytes` but the first one, most significant ones first: as many as there is room for.
+    #[inline]
+    pub fn set_behind_first(&mut self, bytes: &[u8]) {
+        let len = (8 * bytes.len()).saturating_sub(1).min(MAX_CLOCKS);
+        self.len = len as u16;
+        if let Ok(eight) = bytes.try_into() {
+            self.words[0] = u64::from_be_bytes(eight) << 1;
+            return;
+        }
+        let word = |bytes: &[u8]| match bytes.try_into() {
+            Ok(eight) => u64::from_be_bytes(eight),
+            Err(_) => bytes.iter().zip(0..).fold(0, |word, (byte, at)| {
+                word | u64::from(*byte) << (56 - 8 * at)
+            }),
+        };
+        let mut eights = bytes.chunks(8).map(word);
+        let mut here = eights.next().unwrap_or(0);
+        for slot in self.words.iter_mut().take(len.div_ceil(64)) {
+            let next = eights.next().unwrap_or(0);
+            *slot = here << 1 | next >> 63;
+            here = next;
+        }
+    }
+
+    /// Takes over the first `len` bits of `words`, the most significant one first.
+    pub(crate) fn set(&mut self, words: &[u64], len: u16) {
+        self.words[..words.len()].copy_from_slice(words);
+        self.len = len.min(64 * words.len() as u16);
+    }
+
     /// The bit at `at`, `None` past the end.
     pub fn get(&self, at: usize) -> Option<bool> {
         (at < self.len()).then(|| self.words[at / 64] >> (63 - at % 64) & 1 == 1)
     }
 
     /// `n` (0 to 64) bits from `at`, the first one most significant; `None` past the end.
+    #[inline]
     pub fn word(&self, at: usize, n: usize) -> Option<u64> {
         if n > 64 || at + n > self.len() {
             return None;
@@ -71,30 +111,27 @@ impl Bits {
         if n == 0 {
             return Some(0);
         }
-        let (word, offset) = (at / 64, at % 64);
-        let high = self.words[word] << offset;
-        let low = match offset {
-            0 => 0,
-            _ if word + 1 < WORDS => self.words[word + 1] >> (64 - offset),
-            _ => 0,
-        };
-        Some((high | low) >> (64 - n))
+        Some(self.chunk(at) >> (64 - n))
+    }
+
+    /// 64 bits from `at` on, the first one most significant; those past the end mean nothing.
+    #[inline]
+    pub(crate) fn chunk(&self, at: usize) -> u64 {
+        let (word, offset) = (at / 64 % WORDS, at % 64);
+        // In two steps, as a shift by 64 is none.
+        self.words[word] << offset | self.words[word + 1] >> 1 >> (63 - offset)
     }
 
     /// The first bit at or after `at` that is `level`.
+    #[inline]
     pub fn find(&self, mut at: usize, level: bool) -> Option<usize> {
+        let same = if level { 0 } else { !0u64 };
         while at < self.len() {
-            let n = (self.len() - at).min(64);
-            let chunk = self.word(at, n)? << (64 - n);
-            let run = if level {
-                chunk.leading_zeros()
-            } else {
-                chunk.leading_ones()
-            } as usize;
-            if run < n {
-                return Some(at + run);
+            let run = (self.chunk(at) ^ same).leading_zeros() as usize;
+            at += run;
+            if run < 64 {
+                return (at < self.len()).then_some(at);
             }
-            at += n;
         }
         None
     }
@@ -174,7 +211,7 @@ pub struct Level {
 }
 
 /// What came back from one cycle. Caller-owned and reused; `None` means the link cannot know.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Trace {
     /// Start of the cycle on the link's clock.
     pub t_ns: u64,
@@ -227,16 +264,33 @@ impl Trace {
     /// Forgets everything, keeps the memory.
     pub fn reset(&mut self) {
         self.bits.clear();
-        let bits = std::mem::take(&mut self.bits);
-        let mut wave = self.wave.take();
-        if let Some(wave) = &mut wave {
+        // Each for itself: the bits are a quarter of a kilobyte that nobody needs to move.
+        let Trace {
+            t_ns,
+            bits,
+            idle,
+            waited_ns,
+            cdm,
+            ma_period_ns,
+            longest,
+            late,
+            reference_ns,
+            delay_ns,
+            ready_ns,
+            misplaced_ns,
+            unconfirmed,
+            surplus,
+            cut,
+            wave,
+        } = self;
+        bits.clear();
+        (*t_ns, *idle, *waited_ns, *cdm) = (0, None, None, None);
+        (*ma_period_ns, *longest, *late) = (None, None, None);
+        (*reference_ns, *delay_ns, *ready_ns) = (None, None, None);
+        (*misplaced_ns, *unconfirmed, *surplus, *cut) = (None, false, 0, None);
+        if let Some(wave) = wave {
             wave.clear();
         }
-        *self = Trace {
-            bits,
-            wave,
-            ..Trace::default()
-        };
     }
 
     /// Notes a level; the longest one stays.
@@ -272,6 +326,22 @@ mod tests {
                 let want = (at..plain.len()).find(|i| plain[*i] == level);
                 assert_eq!(bits.find(at, level), want);
             }
+        }
+    }
+
+    #[test]
+    fn bytes_equal_their_bits() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        for _ in 0..2_000 {
+            let bytes: Vec<u8> = (0..rng.usize(0..300)).map(|_| rng.u8(..)).collect();
+            let plain = bytes
+                .iter()
+                .flat_map(|byte| (0..8).rev().map(move |at| byte >> at & 1 == 1));
+            let mut bits = Bits::default();
+            bits.set_behind_first(&bytes);
+            assert!(bits.iter().eq(plain.skip(1).take(MAX_CLOCKS)), "{bytes:x?}");
         }
     }
 

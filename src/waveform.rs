@@ -15,7 +15,7 @@ pub struct Change {
 ///
 /// Links that see SLO only where they sample it note its changes with the rising edge that set the level and not where they
 /// sampled: what is between is not known.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Waveform {
     /// The changes.
     pub changes: Vec<Change>,

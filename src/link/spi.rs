@@ -181,12 +181,8 @@ impl Link for Spi {
             trace.ma_period_ns = u32::try_from(self.clock.hz.period_ns()).ok();
             trace.cdm = Some(false);
             trace.surplus = ask.clocks.surplus;
-            let bits = self
-                .buffer
-                .iter()
-                .flat_map(|byte| (0..8).rev().map(move |place| byte >> place & 1 == 1));
             trace.idle = self.buffer.first().map(|byte| byte >> 7 == 1);
-            trace.bits.extend(bits.skip(1));
+            trace.bits.set_behind_first(&self.buffer);
         }
         Ok(asks.len().min(out.len()))
     }

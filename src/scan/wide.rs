@@ -1,0 +1,208 @@
+//! What a processor can do with many samples at once: in portable code, and with the instructions that some have.
+//!
+//! Beside `sys.rs` the only unsafe code: the instructions are asked for before they are used.
+#![allow(unsafe_code)]
+
+use super::region::BLOCK;
+
+/// Work on 64 samples at a time.
+pub(super) trait Wide {
+    /// In how many blocks, from the first one on, each byte is `level` in all bits of `mask`.
+    fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize;
+
+    /// Bit `bit` of each byte, the first one least significant.
+    fn pick(bytes: &[u8; BLOCK], bit: u8) -> u64;
+
+    /// The bits of `word` where `mask` is 1, side by side from the least significant one on.
+    fn gather(word: u64, mask: u64) -> u64;
+}
+
+/// Something to be done with the widest instructions there are.
+pub(super) trait Job {
+    /// Marked `#[inline(always)]`, so that what it does becomes part of a function that may use those instructions.
+    fn run<W: Wide>(self);
+}
+
+/// Does it.
+pub(super) fn widest(job: impl Job) {
+    #[cfg(target_arch = "x86_64")]
+    if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("bmi2") {
+        // SAFETY: the processor has just said that it has both; every one that has BMI2 has the others.
+        return unsafe { x86::run(job) };
+    }
+    job.run::<Portable>();
+}
+
+/// Does it with what every processor has.
+pub(super) fn portable(job: impl Job) {
+    job.run::<Portable>();
+}
+
+/// Every processor.
+struct Portable;
+
+impl Wide for Portable {
+    #[inline(always)]
+    fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize {
+        let all = |byte: u8| u64::from_ne_bytes([byte; 8]);
+        let (level, mask) = (all(level), all(mask));
+        let quiet = |block: &&[u8]| {
+            let mut strange = 0;
+            for eight in block.chunks_exact(8) {
+                strange |= eight.try_into().map_or(!0, u64::from_ne_bytes) ^ level;
+            }
+            strange & mask == 0
+        };
+        bytes.chunks_exact(BLOCK).take_while(quiet).count()
+    }
+
+    #[inline(always)]
+    fn pick(bytes: &[u8; BLOCK], bit: u8) -> u64 {
+        const LOWEST: u64 = 0x0101_0101_0101_0101;
+        /// Adds up the bits of eight bytes in the top one, each in a place of its own.
+        const TOGETHER: u64 = 0x0102_0408_1020_4080;
+        let mut word = 0;
+        for (index, eight) in bytes.chunks_exact(8).enumerate() {
+            let eight = eight.try_into().map_or(0, u64::from_le_bytes);
+            let bits = (eight >> bit) & LOWEST;
+            word |= (bits.wrapping_mul(TOGETHER) >> 56) << (8 * index);
+        }
+        word
+    }
+
+    #[inline(always)]
+    fn gather(word: u64, mut mask: u64) -> u64 {
+        let (mut gathered, mut place) = (0, 0);
+        while mask != 0 {
+            gathered |= (word >> mask.trailing_zeros() & 1) << place;
+            place += 1;
+            mask &= mask - 1;
+        }
+        gathered
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{BLOCK, Job, Wide};
+    use std::arch::x86_64::{
+        __m256i, _mm_cvtsi32_si128, _mm256_loadu_si256, _mm256_movemask_epi8, _mm256_or_si256,
+        _mm256_set1_epi8, _mm256_sll_epi16, _mm256_testz_si256, _mm256_xor_si256, _pext_u64,
+    };
+
+    /// # Safety
+    /// The processor must have these.
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    pub(super) unsafe fn run(job: impl Job) {
+        job.run::<Avx2>();
+    }
+
+    /// AVX2 and BMI2: used by [`run`] only.
+    struct Avx2;
+
+    impl Avx2 {
+        #[inline(always)]
+        fn halves(bytes: &[u8; BLOCK]) -> [__m256i; 2] {
+            let (low, high) = bytes.split_at(BLOCK / 2);
+            // SAFETY: each half has 32 bytes, and the load needs no alignment; AVX2 is there, see `Avx2`.
+            [low, high].map(|half| unsafe { _mm256_loadu_si256(half.as_ptr().cast()) })
+        }
+    }
+
+    impl Wide for Avx2 {
+        #[inline(always)]
+        fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize {
+            let (blocks, _) = bytes.split_at(bytes.len() - bytes.len() % BLOCK);
+            // SAFETY: works on registers only; AVX2 is there, see `Avx2`.
+            let (level, mask) =
+                unsafe { (_mm256_set1_epi8(level as i8), _mm256_set1_epi8(mask as i8)) };
+            let quiet = |block: &&[u8]| {
+                let Ok(block) = <&[u8; BLOCK]>::try_from(*block) else {
+                    return false;
+                };
+                let [low, high] = Avx2::halves(block);
+                // SAFETY: as above.
+                unsafe {
+                    let strange = _mm256_or_si256(
+                        _mm256_xor_si256(low, level),
+                        _mm256_xor_si256(high, level),
+                    );
+                    _mm256_testz_si256(strange, mask) != 0
+                }
+            };
+            blocks.chunks_exact(BLOCK).take_while(quiet).count()
+        }
+
+        #[inline(always)]
+        fn pick(bytes: &[u8; BLOCK], bit: u8) -> u64 {
+            let [low, high] = Avx2::halves(bytes).map(|half| {
+                // SAFETY: works on registers only; AVX2 is there, see `Avx2`.
+                let tops = unsafe {
+                    _mm256_movemask_epi8(_mm256_sll_epi16(
+                        half,
+                        _mm_cvtsi32_si128(7 - i32::from(bit)),
+                    ))
+                };
+                u64::from(tops as u32)
+            });
+            low | high << 32
+        }
+
+        #[inline(always)]
+        fn gather(word: u64, mask: u64) -> u64 {
+            // SAFETY: works on registers only; BMI2 is there, see `Avx2`.
+            unsafe { _pext_u64(word, mask) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Look<'a>(&'a [u8; BLOCK], u8, u64, &'a mut Vec<(usize, u64, u64)>);
+
+    impl Job for Look<'_> {
+        #[inline(always)]
+        fn run<W: Wide>(self) {
+            let Look(bytes, bit, mask, seen) = self;
+            let quiet = W::quiet(bytes, bytes[0], 1 << bit);
+            seen.push((
+                quiet,
+                W::pick(bytes, bit),
+                W::gather(mask.rotate_left(9), mask),
+            ));
+        }
+    }
+
+    /// Both against the definitions.
+    #[test]
+    fn all_ways_agree() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        for _ in 0..20_000 {
+            let few = rng.bool();
+            let bytes: [u8; BLOCK] = std::array::from_fn(|_| {
+                if few {
+                    u8::from(rng.u8(..) == 0)
+                } else {
+                    rng.u8(..)
+                }
+            });
+            let (bit, mask) = (rng.u8(0..8), rng.u64(..) & rng.u64(..));
+            let pick = |word, (at, byte): (usize, &u8)| word | u64::from(byte >> bit & 1) << at;
+            let picked = bytes.iter().enumerate().fold(0, pick);
+            let ones = (0..64).filter(|at| mask >> at & 1 == 1);
+            let gathered = ones.enumerate().fold(0, |word, (place, at)| {
+                word | (mask.rotate_left(9) >> at & 1) << place
+            });
+            let quiet = usize::from(picked == 0 || picked == !0);
+            let want = (quiet, picked, gathered);
+            let mut seen = Vec::new();
+            widest(Look(&bytes, bit, mask, &mut seen));
+            portable(Look(&bytes, bit, mask, &mut seen));
+            assert_eq!(seen, [want; 2]);
+        }
+    }
+}
