@@ -7,12 +7,14 @@ pub mod gpio;
 pub mod sim;
 pub mod spec;
 pub mod spi;
+pub mod tap;
 pub mod wave;
 
 pub use spec::{Kind, Spec};
 
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
+use crate::waveform::Waveform;
 use std::cell::RefCell;
 use std::fmt;
 use std::rc::Rc;
@@ -195,6 +197,16 @@ pub trait Link {
     /// When the device fails, or a recording is damaged: after everything good before it was delivered.
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error>;
 
+    /// Adds what both wires have done since the last cycle, and keeps it from now on: the first call hands over the levels as
+    /// they are. A cycle hands over its own, and what came before it, through [`Trace::wave`]. Needed only by those who want what
+    /// is before the first cycle and after the last one.
+    ///
+    /// # Errors
+    /// When SL cannot be read.
+    fn waveform(&mut self, _wave: &mut Waveform) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// What the user should know about how this link runs, one line each.
     fn notes(&self) -> Vec<String> {
         Vec::new()
@@ -226,6 +238,9 @@ impl<L: Link> Link for Rc<RefCell<L>> {
     }
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
         self.borrow_mut().cycles(asks, out)
+    }
+    fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
+        self.borrow_mut().waveform(wave)
     }
     fn notes(&self) -> Vec<String> {
         self.borrow().notes()

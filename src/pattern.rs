@@ -166,6 +166,11 @@ impl Pattern {
         &self.rises
     }
 
+    /// Where a bit is read, after its rising edge, in samples like the line delay.
+    pub fn into_bit(&self, delay: usize) -> usize {
+        delay + self.grid.period() / 2
+    }
+
     fn last_edge(&self) -> usize {
         let rise = self.rises.last().copied().unwrap_or(self.first_fall);
         self.cdm.map_or(rise, |(fall, _)| fall)
@@ -202,7 +207,7 @@ impl Pattern {
         trace.delay_ns = delay.and_then(ns);
         // Down before the edge that brings Ack: that is no answer to this frame.
         let early = second.is_some_and(|rise| level(rise - 1) == Some(false));
-        let into_bit = delay.unwrap_or(0) + grid.period() / 2;
+        let into_bit = self.into_bit(delay.unwrap_or(0));
         for (index, rise) in self.rises.iter().enumerate() {
             match level(rise + into_bit) {
                 Some(level) => trace.bits.push(level && !(early && index == 0)),

@@ -113,6 +113,7 @@ const LINKS: &[&str] = &[
     "link/sim.rs",
     "link/spec.rs",
     "link/spi.rs",
+    "link/tap.rs",
     "link/wave.rs",
 ];
 /// Joins both.

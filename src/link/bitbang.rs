@@ -18,8 +18,9 @@
 
 use super::{Caps, Clock, Error, Known, Link, Phase};
 use crate::limits::TIMEOUT_MIN_NS;
-use crate::trace::{Ask, Clocks, Level, MAX_CLOCKS, Trace, Until};
+use crate::trace::{Ask, Bits, Clocks, Level, MAX_CLOCKS, Trace, Until};
 use crate::unit::Hertz;
+use crate::waveform::{Log, Waveform};
 
 /// MA and SL as single levels, and a clock.
 pub trait Pins {
@@ -58,6 +59,11 @@ pub trait Pins {
     fn virtual_time(&self) -> bool {
         false
     }
+    /// The changes of SLO, each when it came, for pins that see all of them: they keep them from the first call on, and
+    /// whoever has used them takes them away.
+    fn slo_changes(&mut self) -> Option<&mut Vec<(u64, bool)>> {
+        None
+    }
 }
 
 /// A link that moves MA edge by edge.
@@ -80,6 +86,8 @@ pub struct Bang<P> {
     /// The last frame ended with its stop bit seen as 0, so SL = 1 means ready. Else SL = 1 may be a data bit
     /// of a frame that was cut (D2, p. 7; Renishaw, p. 2).
     stop_seen: bool,
+    /// Both wires, where somebody wants them.
+    log: Option<Box<Log>>,
 }
 
 /// 250 kHz: the slowest clock that every slave must take (D2 Table 10).
@@ -110,6 +118,7 @@ impl<P: Pins> Bang<P> {
             last_edge_ns,
             mo_high: true,
             stop_seen: false,
+            log: None,
         }
     }
 
@@ -135,7 +144,20 @@ impl<P: Pins> Bang<P> {
         self.ma_high = high;
         let after = self.pins.now_ns();
         self.last_edge_ns = after;
-        Ok(Edge { before, after })
+        let edge = Edge { before, after };
+        if let Some(log) = &mut self.log {
+            log.ma(edge.noted(self.set_ns), high);
+        }
+        Ok(edge)
+    }
+
+    /// Reads SL, and notes what it is.
+    fn look(&mut self) -> Result<bool, Error> {
+        let level = self.pins.sl()?;
+        if self.log.is_some() {
+            self.note_level(level);
+        }
+        Ok(level)
     }
 
     /// MO after rising edge `edge`, as a slave without data shows it.
@@ -167,7 +189,7 @@ impl<P: Pins> Bang<P> {
         }
         let level = loop {
             let late = self.pins.now_ns() >= limit;
-            let level = self.pins.sl()?;
+            let level = self.look()?;
             if level || late {
                 break level;
             }
@@ -180,6 +202,17 @@ impl<P: Pins> Bang<P> {
 
     fn cycle(&mut self, ask: &Ask, trace: &mut Trace) -> Result<(), Error> {
         trace.reset();
+        if trace.wave.is_some() {
+            self.keep_log()?;
+        }
+        let result = self.run(ask, trace);
+        if let Some(log) = &mut self.log {
+            pour(log, &mut self.pins, trace.wave.as_deref_mut());
+        }
+        result
+    }
+
+    fn run(&mut self, ask: &Ask, trace: &mut Trace) -> Result<(), Error> {
         let clocks = &ask.clocks;
         if !self.ma_high {
             self.edge(true)?;
@@ -288,10 +321,12 @@ impl<P: Pins> Bang<P> {
         let place = rise.after.saturating_sub(self.set_ns) + into_bit;
         let with_edge = matches!(self.phase, Phase::Half | Phase::Whole);
         let at = due.filter(|_| with_edge).unwrap_or(place);
-        self.pins.until(at.saturating_sub(read_ns));
+        let from = at.saturating_sub(read_ns);
+        self.pins.until(from);
         let level = self.pins.sl();
         self.times.push(Sampled {
             edge: rise,
+            from: from.max(rise.after),
             read: self.pins.now_ns(),
         });
         level
@@ -313,6 +348,9 @@ impl<P: Pins> Bang<P> {
             .try_into()
             .ok();
         trace.late = self.latest(search);
+        if let Some(wave) = &mut trace.wave {
+            self.note_bits(search, &trace.bits, wave);
+        }
     }
 
     /// How much later than usual in this frame the latest sample came after the edge that had set its bit, which is as
@@ -333,6 +371,77 @@ impl<P: Pins> Bang<P> {
             ns,
             edge: (index + delay_clk + 2) as u16,
         })
+    }
+
+    /// Begins to note both wires, as they are.
+    #[cold]
+    fn keep_log(&mut self) -> Result<(), Error> {
+        if self.log.is_none() {
+            self.pins.slo_changes();
+            let slo = self.pins.sl()?;
+            let now_ns = self.pins.now_ns();
+            self.log = Some(Box::new(Log::new(now_ns, self.ma_high, Some(slo))));
+        }
+        Ok(())
+    }
+
+    #[cold]
+    fn note_level(&mut self, level: bool) {
+        if self.pins.slo_changes().is_some() {
+            // They say it better.
+            return;
+        }
+        let now_ns = self.pins.now_ns();
+        if let Some(log) = self.log.as_mut().filter(|log| log.slo_now() != Some(level)) {
+            log.slo(now_ns, Some(level));
+        }
+    }
+
+    /// Notes the bits of a cycle with the edges that set them, as many back as the line delay has clocks: a line delays all
+    /// bits alike, and it does so while MA pauses.
+    #[cold]
+    fn note_bits(&mut self, search: &Search, bits: &Bits, wave: &mut Waveform) {
+        let (_, read_ns) = self.pins.cost_ns();
+        // SL cannot change at LAT, and was not sampled before edge 2.
+        let second = self.times.first();
+        wave.samples_ns
+            .extend(second.map(|second| second.edge.noted(self.set_ns)));
+        let samples = self.times.iter().map(|sampled| sampled.read - read_ns / 2);
+        wave.samples_ns.extend(samples);
+        if self.pins.slo_changes().is_some() {
+            return;
+        }
+        let (Some(log), Some(first)) = (&mut self.log, bits.get(1)) else {
+            return;
+        };
+        let back = usize::from(search.ack.map_or(0, |ack| ack - 2));
+        let rise = |index: usize| self.times[index].edge.noted(self.set_ns);
+        let period = self.measured_ns.unwrap_or(self.period_ns);
+        let into_bit = period * self.phase.min(Phase::Half) as u64 / 8;
+        if back > 0 && log.slo_now() != Some(first) {
+            log.slo(rise(0) + into_bit, Some(first));
+        }
+        let before = log.slo_now();
+        let levels = || std::iter::once(before).chain(bits.iter().skip(1).map(Some));
+        let changes = || {
+            let pairs = levels().zip(bits.iter().skip(1)).enumerate().skip(back);
+            pairs.filter(|(_, (old, new))| *old != Some(*new))
+        };
+        // When a level was seen first, and the one before it last, bound the delay from both sides.
+        let (mut least, mut most) = (1, u64::MAX);
+        for (index, _) in changes() {
+            let Edge { before, after } = self.times[index - back].edge;
+            most = most.min(self.times[index].read.saturating_sub(before));
+            let old = index.checked_sub(1).map_or(0, |old| self.times[old].from);
+            least = least.max((old + 1).saturating_sub(after));
+        }
+        let delay = (back as u64 * period + into_bit).max(least).min(most);
+        for (index, (_, new)) in changes() {
+            // Where no delay explains all samples, nobody knows what was on the line after Ack.
+            let level = Some(new).filter(|_| least <= most || index == back);
+            let t_ns = rise(index - back) + delay;
+            log.slo(t_ns.min(self.times[index].read), level);
+        }
     }
 
     /// The last bit has no edge after it. CDM = 1 takes MA low half a period after its edge.
@@ -384,15 +493,29 @@ impl<P: Pins> Bang<P> {
         let mut ready = false;
         while self.pins.now_ns() < since + u64::from(clocks.hold_ns) {
             self.pins.until(self.pins.now_ns() + POLL_NS);
-            if self.stop_seen && self.pins.sl()? {
+            if self.stop_seen && self.look()? {
                 trace.ready_ns = u32::try_from(self.pins.now_ns() - since).ok();
                 ready = true;
                 break;
             }
         }
         // The longest timeout and line delay have passed: SL = 1 is no data bit any more.
-        self.stop_seen = ready || self.pins.sl()?;
+        self.stop_seen = ready || self.look()?;
         self.edge(true).map(drop)
+    }
+}
+
+/// Hands over what was noted, if somebody wants it.
+#[cold]
+fn pour(log: &mut Log, pins: &mut impl Pins, wave: Option<&mut Waveform>) {
+    if let Some(changes) = pins.slo_changes() {
+        for (t_ns, level) in changes.drain(..) {
+            log.slo(t_ns, Some(level));
+        }
+    }
+    match wave {
+        Some(wave) => log.pour(wave),
+        None => log.forget(),
     }
 }
 
@@ -407,10 +530,12 @@ fn median(scratch: &mut Vec<u64>, spans: impl Iterator<Item = u64>) -> Option<u6
 /// Between two looks at SL while nothing else happens.
 const POLL_NS: u64 = 500;
 
-/// A rising edge, and when the sample that belongs to it had been taken.
+/// A rising edge, and when the sample that belongs to it was taken.
 #[derive(Clone, Copy, Debug)]
 struct Sampled {
     edge: Edge,
+    /// Not before.
+    from: u64,
     read: u64,
 }
 
@@ -419,6 +544,14 @@ struct Sampled {
 struct Edge {
     before: u64,
     after: u64,
+}
+
+impl Edge {
+    /// In the middle of the call; at the end of one that took longer than they do, so that the level before it is as long as
+    /// it can have been: a pause must not look shorter in a recording.
+    fn noted(self, usual_ns: u64) -> u64 {
+        self.after.saturating_sub(usual_ns / 2).max(self.before)
+    }
 }
 
 /// Follows SL while clocking, to know when the frame is over.
@@ -544,7 +677,7 @@ impl<P: Pins> Link for Bang<P> {
         // Asked for after a fault: then a stop bit may have been seen where there was none.
         self.stop_seen = false;
         self.pins.until(self.pins.now_ns() + ns);
-        self.pins.sl().map(Some)
+        self.look().map(Some)
     }
 
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
@@ -552,5 +685,13 @@ impl<P: Pins> Link for Bang<P> {
             self.cycle(ask, trace)?;
         }
         Ok(asks.len().min(out.len()))
+    }
+
+    fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
+        self.keep_log()?;
+        if let Some(log) = &mut self.log {
+            pour(log, &mut self.pins, Some(wave));
+        }
+        Ok(())
     }
 }

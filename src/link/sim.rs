@@ -13,6 +13,14 @@ use std::str::FromStr;
 pub struct SimPins {
     slave: Slave,
     now_ns: u64,
+    changes: Option<Changes>,
+}
+
+/// SLO's, since somebody wants them.
+#[derive(Debug)]
+struct Changes {
+    level: bool,
+    seen: Vec<(u64, bool)>,
 }
 
 impl SimPins {
@@ -21,6 +29,21 @@ impl SimPins {
         SimPins {
             slave: Slave::new(config),
             now_ns: 0,
+            changes: None,
+        }
+    }
+
+    /// Steps through what SLO does until now.
+    fn follow(&mut self) {
+        let Some(changes) = &mut self.changes else {
+            return;
+        };
+        while let Some(at) = self.slave.next_change().filter(|at| *at <= self.now_ns) {
+            let level = self.slave.slo(at);
+            if level != changes.level {
+                changes.level = level;
+                changes.seen.push((at, level));
+            }
         }
     }
 
@@ -60,6 +83,7 @@ impl FromStr for Config {
 impl Pins for SimPins {
     fn ma(&mut self, high: bool) -> Result<(), Error> {
         self.slave.ma(self.now_ns, high);
+        self.follow();
         Ok(())
     }
 
@@ -73,6 +97,7 @@ impl Pins for SimPins {
 
     fn mo(&mut self, high: bool) -> Result<(), Error> {
         self.slave.mo(self.now_ns, high);
+        self.follow();
         Ok(())
     }
 
@@ -82,6 +107,15 @@ impl Pins for SimPins {
 
     fn until(&mut self, ns: u64) {
         self.now_ns = self.now_ns.max(ns);
+        self.follow();
+    }
+
+    fn slo_changes(&mut self) -> Option<&mut Vec<(u64, bool)>> {
+        let changes = self.changes.get_or_insert_with(|| Changes {
+            level: self.slave.slo(self.now_ns),
+            seen: Vec::new(),
+        });
+        Some(&mut changes.seen)
     }
 
     fn cost_ns(&self) -> (u64, u64) {

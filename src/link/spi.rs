@@ -8,6 +8,7 @@ use super::{Caps, Clock, Error, Known, Link, Phase};
 use crate::limits::{LINE_DELAY_MAX_NS, REST_NS};
 use crate::trace::{Ask, MAX_CLOCKS, Trace, Until};
 use crate::unit::Hertz;
+use crate::waveform::{Log, Waveform};
 use spidev::SpiModeFlags;
 use std::path::Path;
 
@@ -22,6 +23,8 @@ pub struct Spi {
     /// What it does, as far as that is known.
     clock: Clock,
     buffer: Vec<u8>,
+    /// Both wires, where somebody wants them.
+    log: Option<Box<Log>>,
 }
 
 /// What every encoder must take at first contact (D2 Table 10).
@@ -51,10 +54,32 @@ pub fn open(
             known: Known::Asked,
         },
         buffer: Vec::with_capacity(MAX_CLOCKS / 8 + 256),
+        log: None,
     };
     spi.configure(spi.phase)?;
     spi.set_clock(clock.unwrap_or(FIRST_CLOCK))?;
     Ok(spi)
+}
+
+/// Notes a transfer as the clock says it was: SCLK from its beginning, and every sample a quarter of a clock after the edge
+/// that had set it.
+#[cold]
+fn note(log: &mut Log, began_ns: u64, hz: Hertz, samples: &[u8]) {
+    let quarter =
+        |quarters: u64| began_ns + quarters * 1_000_000_000 / (4 * u64::from(hz.0.max(1)));
+    for clock in 0..8 * samples.len() as u64 {
+        let level = samples[(clock / 8) as usize] >> (7 - clock % 8) & 1 == 1;
+        let set_ns = match clock {
+            // From before the first edge.
+            0 => began_ns.saturating_sub(quarter(1) - began_ns),
+            _ => quarter(4 * clock - 1),
+        };
+        if log.slo_now() != Some(level) {
+            log.slo(set_ns, Some(level));
+        }
+        log.ma(quarter(4 * clock), false);
+        log.ma(quarter(4 * clock + 2), true);
+    }
 }
 
 /// The SPI mode that samples there; modes 3 and 2 are all there are with an idle-high clock.
@@ -80,7 +105,19 @@ impl Spi {
     fn transfer(&mut self, bytes: usize) -> Result<u64, Error> {
         self.buffer.clear();
         self.buffer.resize(bytes, 0);
-        self.bus.read(self.asked, &mut self.buffer)
+        let began = self.bus.read(self.asked, &mut self.buffer)?;
+        if let Some(log) = &mut self.log {
+            note(log, began, self.clock.hz, &self.buffer);
+        }
+        Ok(began)
+    }
+
+    /// Begins to note both wires. SLO is not seen before the first transfer.
+    #[cold]
+    fn keep_log(&mut self) {
+        let now_ns = self.bus.now_ns();
+        self.log
+            .get_or_insert_with(|| Box::new(Log::new(now_ns, true, None)));
     }
 
     fn rest(&mut self, ns: u64) {
@@ -165,6 +202,9 @@ impl Link for Spi {
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
         for (ask, trace) in asks.iter().zip(out.iter_mut()) {
             trace.reset();
+            if trace.wave.is_some() {
+                self.keep_log();
+            }
             let Until::Clocks(clocks) = ask.clocks.until else {
                 let doing = format!("a frame on {}", self.bus.path().display());
                 return Err(Error::new(
@@ -183,8 +223,29 @@ impl Link for Spi {
             trace.surplus = ask.clocks.surplus;
             trace.idle = self.buffer.first().map(|byte| byte >> 7 == 1);
             trace.bits.set_behind_first(&self.buffer);
+            if let Some(log) = &mut self.log {
+                match &mut trace.wave {
+                    Some(wave) => {
+                        log.pour(wave);
+                        let quarters = 4 + self.phase as u64;
+                        let hz = 4 * u64::from(self.clock.hz.0.max(1));
+                        let at = |bit: u64| (4 * bit + quarters - 2) * 1_000_000_000 / hz;
+                        let places = (0..trace.bits.len() as u64).map(|bit| trace.t_ns + at(bit));
+                        wave.samples_ns.extend(places);
+                    }
+                    None => log.forget(),
+                }
+            }
         }
         Ok(asks.len().min(out.len()))
+    }
+
+    fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
+        self.keep_log();
+        if let Some(log) = &mut self.log {
+            log.pour(wave);
+        }
+        Ok(())
     }
 
     fn notes(&self) -> Vec<String> {
@@ -194,5 +255,47 @@ impl Link for Spi {
             number(self.phase),
             self.clock
         )]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slice::Slicer;
+
+    /// What is noted of two transfers reads back to the bits of both.
+    #[test]
+    fn transfers_read_back() {
+        // Idle, then LAT, Ack, start, CDS, eight bits and zeros: Ack as it comes, and three clocks late.
+        for (bits, delay_clk) in [("1101010100110000", 0), ("111110101010011000000000", 3)] {
+            let byte = |bits: &[u8]| {
+                let bit = |byte: u8, bit: &u8| byte << 1 | (bit - b'0');
+                bits.iter().fold(0, bit)
+            };
+            let bytes: Vec<u8> = bits.as_bytes().chunks(8).map(byte).collect();
+            for hz in [250_000, 1_000_000, 7_812_500, 10_000_000] {
+                let mut log = Log::new(1_000, true, None);
+                note(&mut log, 200_000, Hertz(hz), &bytes);
+                note(&mut log, 900_000, Hertz(hz), &bytes);
+                let mut wave = Waveform::default();
+                log.pour(&mut wave);
+                let mut slicer = Slicer::new(40_000);
+                for change in &wave.changes {
+                    slicer.push(change.t_ns, change.ma, change.slo);
+                }
+                slicer.finish(2_000_000);
+                let mut trace = Trace::default();
+                for begins in [200_000, 900_000] {
+                    assert!(slicer.take(&mut trace));
+                    assert_eq!((trace.t_ns, trace.idle), (begins, Some(true)));
+                    let late = trace.delay_ns.map(|ns| ns * (hz / 1000) / 1_000_000);
+                    assert_eq!(late, Some(delay_clk));
+                    let sent = format!("1{}", &bits[2 + delay_clk as usize..]);
+                    let seen = trace.bits.to_string();
+                    assert_eq!(seen[..sent.len() - 1], sent[..sent.len() - 1]);
+                }
+                assert!(!slicer.take(&mut trace));
+            }
+        }
     }
 }

@@ -12,6 +12,7 @@ use crate::limits::{LINE_DELAY_MAX_NS, REST_NS};
 use crate::pattern::{Grid, LEAST_SAMPLES, LEAST_SAMPLES_BROKEN, Pattern, Plan};
 use crate::trace::{Ask, Clocks, Trace, Until};
 use crate::unit::Hertz;
+use crate::waveform::{Log, Waveform};
 use std::path::Path;
 
 /// How MA is laid on MOSI.
@@ -48,6 +49,8 @@ pub struct Wave<B: Bus> {
     farthest: usize,
     /// The driver holds MOSI at rest where it was asked to.
     held: bool,
+    /// Both wires, where somebody wants them.
+    log: Option<Box<Log>>,
 }
 
 /// SCLK, and how MA's clocks lie on it.
@@ -113,6 +116,7 @@ impl<B: Bus> Wave<B> {
             ready: false,
             farthest: 0,
             held,
+            log: None,
         };
         wave.set_clock(clock.unwrap_or(FIRST_CLOCK))?;
         Ok(wave)
@@ -158,7 +162,48 @@ impl<B: Bus> Wave<B> {
             .bus
             .shift(self.choice.asked, &self.out, &mut self.back)?;
         self.last_end_ns = self.bus.now_ns();
+        if self.log.is_some() {
+            self.note(began);
+        }
         Ok(began)
+    }
+
+    /// Begins to note both wires. SLO is not seen before the first transfer.
+    #[cold]
+    fn keep_log(&mut self) {
+        let (now_ns, ma) = (self.bus.now_ns(), self.options.ma_rests_high());
+        self.log
+            .get_or_insert_with(|| Box::new(Log::new(now_ns, ma, None)));
+    }
+
+    /// Notes a transfer, sample by sample: MOSI moves half an SCLK before MISO is sampled, and what is seen there first came
+    /// at some time in the SCLK before.
+    #[cold]
+    fn note(&mut self, began_ns: u64) {
+        let Some(log) = &mut self.log else {
+            return;
+        };
+        let hz = u64::from(self.choice.sclk.hz.0.max(1));
+        // While SCLK is measured it is another, and MA stands still.
+        let at =
+            |sample: usize| (began_ns + sample as u64 * 1_000_000_000 / hz).min(self.last_end_ns);
+        let (mut ma, mut slo) = (None, log.slo_now());
+        for sample in 0..8 * self.out.len() {
+            let level = |bytes: &[u8]| bytes[sample / 8] & 0x80 >> (sample % 8) != 0;
+            let now = level(&self.out) != self.options.invert;
+            if ma != Some(now) {
+                log.ma(at(sample), now);
+                ma = Some(now);
+            }
+            let now = level(&self.back);
+            if slo != Some(now) {
+                log.slo(at(sample), Some(now));
+                slo = Some(now);
+            }
+        }
+        if !self.options.ma_rests_high() {
+            log.ma(at(8 * self.out.len()), false);
+        }
     }
 
     /// SCLK as it is when so much is asked for. MA stands still meanwhile.
@@ -252,6 +297,9 @@ impl<B: Bus> Wave<B> {
 
     fn cycle(&mut self, ask: &Ask, trace: &mut Trace) -> Result<(), Error> {
         trace.reset();
+        if trace.wave.is_some() {
+            self.keep_log();
+        }
         let clocks = self.planned(&ask.clocks)?;
         // Where MOSI rests low MA has fallen after the last transfer. While the slave waits for more of that frame the edge that
         // begins this one would be its first, and the lead a frame without clocks, from which it takes CDM = 0.
@@ -270,6 +318,20 @@ impl<B: Bus> Wave<B> {
         trace.t_ns = self.send()? + lead_ns;
         trace.surplus = ask.clocks.surplus;
         let delay = self.pattern.read(&self.back, trace);
+        if let Some(log) = &mut self.log {
+            match &mut trace.wave {
+                Some(wave) => {
+                    log.pour(wave);
+                    let hz = u64::from(self.choice.sclk.hz.0.max(1));
+                    let began_ns = trace.t_ns - lead_ns;
+                    let at = |sample: usize| began_ns + sample as u64 * 1_000_000_000 / hz;
+                    let into_bit = self.pattern.into_bit(delay.unwrap_or(0));
+                    let bits = self.pattern.rises().iter().take(trace.bits.len());
+                    wave.samples_ns.extend(bits.map(|rise| at(rise + into_bit)));
+                }
+                None => log.forget(),
+            }
+        }
         // The hold allows for the longest line delay; what comes later is noise.
         let most = self.choice.grid.samples(ask.clocks.hold_ns.into());
         self.farthest = self.farthest.max(delay.unwrap_or(0).min(most));
@@ -341,6 +403,14 @@ impl<B: Bus> Link for Wave<B> {
             self.cycle(ask, trace)?;
         }
         Ok(asks.len().min(out.len()))
+    }
+
+    fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
+        self.keep_log();
+        if let Some(log) = &mut self.log {
+            log.pour(wave);
+        }
+        Ok(())
     }
 
     fn notes(&self) -> Vec<String> {
