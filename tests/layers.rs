@@ -104,6 +104,7 @@ const LINKS: &[&str] = &[
     "link/bus.rs",
     "link/file.rs",
     "link/file/source.rs",
+    "link/file/text.rs",
     "link/file/vcd.rs",
     "link/gpio.rs",
     "link/gpio/lines.rs",

@@ -1,6 +1,7 @@
 //! `file`: a recording of MA and SLO as a link that is not live.
 
 mod source;
+mod text;
 mod vcd;
 
 use super::{Caps, Clock, Error, Known, Link};
@@ -50,8 +51,11 @@ impl Recording {
         timeout_max_ns: u64,
     ) -> Result<Recording, Error> {
         let doing = format!("reading the header of {name}");
+        let mut named = |name: Option<&str>| name.map_or(Vec::new(), |name| source.named(name));
+        let (bits_ma, bits_slo) = (named(ma), named(slo));
         let ma = find(
             source.channels(),
+            &bits_ma,
             ma,
             &["ma", "ma+", "ma_p", "clk", "clock", "mao"],
             "ma",
@@ -59,6 +63,7 @@ impl Recording {
         )?;
         let slo = find(
             source.channels(),
+            &bits_slo,
             slo,
             &["slo", "sl", "slo+", "sl+", "slo_p", "sl_p", "data"],
             "slo",
@@ -110,6 +115,7 @@ impl Recording {
 
 fn find(
     channels: &[Channel],
+    bits: &[Channel],
     asked: Option<&str>,
     usual: &[&str],
     key: &str,
@@ -130,7 +136,10 @@ fn find(
         if exact.is_empty() { alike() } else { exact }
     };
     let found = match asked {
-        Some(name) => by_name(name),
+        Some(name) => match by_name(name) {
+            none if none.is_empty() => bits.iter().collect(),
+            found => found,
+        },
         None => usual
             .iter()
             .map(|name| by_name(name))

@@ -27,6 +27,11 @@ pub(super) trait Source {
     /// What there is to choose from.
     fn channels(&self) -> &[Channel];
 
+    /// What else bears this name, though it is not worth a place in the list: one bit of a vector.
+    fn named(&mut self, _name: &str) -> Vec<Channel> {
+        Vec::new()
+    }
+
     /// Which of them are MA and SLO. Once, before anything is read.
     fn select(&mut self, ma: usize, slo: usize);
 

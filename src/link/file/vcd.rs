@@ -1,53 +1,64 @@
-//! VCD, as PulseView, GTKWave, sigrok-cli and HDL simulators write it.
+//! VCD (IEEE 1364-2005, clause 18), as PulseView, GTKWave, sigrok-cli and HDL simulators write it.
+//!
+//! More is read than the standard has, because users bring it: names with spaces (PulseView's channels), commands in the
+//! header that it does not know (`$attrbegin` of GTKWave's converters), the levels `h` and `l`, and `u` and `-` for
+//! neither, as libsigrok's `src/input/vcd.c` does.
 
 use super::source::{Channel, Damage, Source};
+use super::text::{Text, digits, load};
 use crate::slice::Slicer;
-use std::io::{self, BufRead, BufReader, Read};
-use vcd::{Command, IdCode, Parser, ScopeItem, Value};
+use std::collections::HashMap;
+use std::io::Read;
 
 /// A VCD file.
 pub(super) struct Vcd {
-    parser: Parser<Box<dyn BufRead>>,
+    text: Text,
     channels: Vec<Channel>,
     /// By [`Channel::id`].
-    codes: Vec<IdCode>,
-    ma_id: Option<IdCode>,
-    slo_id: Option<IdCode>,
-    /// One tick is so many femtoseconds.
-    tick_fs: u64,
-    /// The levels that hold from `tick` on, to be pushed when the next time comes.
-    tick: u64,
-    ma: Option<bool>,
-    slo: Option<bool>,
-    /// MA has changed in this tick, and changed again.
-    ma_moved: bool,
-    coarse: bool,
+    wires: Vec<Wire>,
+    vectors: Vec<Vector>,
+    /// Channels that had an index in the header.
+    indexed: Vec<(usize, i64)>,
+    /// Identifier codes of strings.
+    strings: Vec<String>,
+    ma: Wanted,
+    slo: Wanted,
+    wave: Wave,
+    pending: Pending,
+    /// Inside `$dumpvars` or one of its kind.
+    dump: bool,
 }
 
-/// Refuses what no VCD has, so that a broken input cannot fill the memory.
-struct Bounded<R> {
-    inner: R,
-    /// Bytes since the last end of a line.
-    unbroken: usize,
+/// One bit of what an identifier code stands for; the lowest is 0.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Wire {
+    code: String,
+    bit: usize,
 }
 
-const LONGEST_LINE: usize = 1 << 20;
+/// More than one bit under one name.
+#[derive(Debug)]
+struct Vector {
+    name: String,
+    path: String,
+    code: String,
+    /// As in `[7:0]`.
+    left: i64,
+    right: i64,
+}
 
-impl<R: Read> Read for Bounded<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let n = self.inner.read(buffer)?;
-        self.unbroken = match buffer[..n].iter().rposition(|byte| *byte == b'\n') {
-            Some(end) => n - end - 1,
-            None => self.unbroken + n,
-        };
-        if self.unbroken > LONGEST_LINE {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidData,
-                "a line of more than 1 MiB",
-            ));
-        }
-        Ok(n)
-    }
+/// What a command that is spread over several words still waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pending {
+    Nothing,
+    /// The identifier code of a change, with what MA and SLO are if it is theirs.
+    Code(Option<bool>, Option<bool>),
+    /// The identifier code of a change that is no level.
+    NoLevel,
+    /// The same after an empty string, which must not swallow anything else.
+    Empty,
+    /// `$end`.
+    Comment,
 }
 
 impl Vcd {
@@ -56,101 +67,28 @@ impl Vcd {
     /// # Errors
     /// What is wrong with it.
     pub(super) fn open(input: impl Read + 'static) -> Result<Vcd, String> {
-        // The parser wants whitespace behind the last word, and keeps a word of any length.
-        let whole = Bounded {
-            inner: input,
-            unbroken: 0,
-        }
-        .chain(&b"\n"[..]);
-        let reader: Box<dyn BufRead> = Box::new(BufReader::with_capacity(1 << 16, whole));
-        let mut parser = Parser::new(reader);
-        let header = parser.parse_header().map_err(|e| complaint(&e))?;
-        let (count, unit) = header.timescale.ok_or("it has no $timescale")?;
-        let (mut channels, mut codes) = (Vec::new(), Vec::new());
-        collect(&header.items, "", &mut channels, &mut codes);
-        Ok(Vcd {
-            parser,
-            channels,
-            codes,
-            ma_id: None,
-            slo_id: None,
-            tick_fs: u64::from(count).saturating_mul(1_000_000_000_000_000 / unit.divisor()),
-            tick: 0,
-            ma: None,
-            slo: None,
-            ma_moved: false,
-            coarse: false,
-        })
-    }
-
-    fn ns(&self, tick: u64) -> u64 {
-        u64::try_from(u128::from(tick) * u128::from(self.tick_fs) / 1_000_000).unwrap_or(u64::MAX)
-    }
-
-    /// Hands the levels of the tick that is over to the slicer.
-    fn flush(&mut self, slicer: &mut Slicer) {
-        let t_ns = self.ns(self.tick);
-        match self.ma {
-            Some(ma) => slicer.push(t_ns, ma, self.slo),
-            // Before MA is known there is nothing to time, and no edge can be told after it was lost.
-            None => slicer.gap(t_ns),
-        }
-        self.ma_moved = false;
-    }
-
-    /// Reads one more command. False at the end.
-    fn step(&mut self, slicer: &mut Slicer) -> Result<bool, Damage> {
-        match self.parser.next() {
-            Some(Ok(Command::Timestamp(tick))) if tick != self.tick => {
-                self.flush(slicer);
-                if tick < self.tick {
-                    return Err(self.spoiled("time goes backwards".into()));
-                }
-                self.tick = tick;
-                if self.coarse {
-                    return Err(self.spoiled(
-                        "MA changes twice within one tick: the time scale is too coarse for it"
-                            .into(),
-                    ));
-                }
-            }
-            Some(Ok(Command::ChangeScalar(id, value))) => self.change(id, value),
-            Some(Ok(Command::ChangeVector(id, values))) => {
-                // A wire of one bit, written as a vector of one.
-                if let Some(value) = values.get(values.len().wrapping_sub(1)) {
-                    self.change(id, value);
-                }
-            }
-            Some(Ok(_)) => {}
-            Some(Err(error)) => return Err(self.spoiled(complaint(&error))),
-            None => return Ok(false),
-        }
-        Ok(true)
-    }
-
-    fn spoiled(&self, said: String) -> Damage {
-        Damage {
-            place: format!("line {}", self.parser.line()),
-            said,
-        }
-    }
-
-    fn change(&mut self, id: IdCode, value: Value) {
-        let level = match value {
-            Value::V0 => Some(false),
-            Value::V1 => Some(true),
-            Value::X | Value::Z => None,
+        let mut text = Text::new(input);
+        let mut header = Header::new(&mut text);
+        let read = header.read();
+        let at = header.word_at;
+        let header = match read {
+            Ok(()) => header.found,
+            Err(said) => return Err(format!("line {}: {said}", text.line(at))),
         };
-        if Some(id) == self.ma_id {
-            if self.ma_moved && level.is_some() && level != self.ma {
-                self.coarse = true;
-            }
-            self.ma_moved |= level != self.ma;
-            self.ma = level;
-        }
-        if Some(id) == self.slo_id {
-            self.slo = level;
-        }
+        let tick_fs = header.tick_fs.ok_or("it has no $timescale")?;
+        Ok(Vcd {
+            text,
+            channels: header.channels,
+            wires: header.wires,
+            vectors: header.vectors,
+            indexed: header.indexed,
+            strings: header.strings,
+            ma: Wanted::default(),
+            slo: Wanted::default(),
+            wave: Wave::new(Scale::of(tick_fs)),
+            pending: Pending::Nothing,
+            dump: false,
+        })
     }
 }
 
@@ -159,56 +97,760 @@ impl Source for Vcd {
         &self.channels
     }
 
-    fn select(&mut self, ma: usize, slo: usize) {
-        self.ma_id = self.codes.get(ma).copied();
-        self.slo_id = self.codes.get(slo).copied();
-    }
-
-    fn read(&mut self, slicer: &mut Slicer) -> Result<bool, Damage> {
-        let more = self.step(slicer);
-        if !matches!(more, Ok(true)) {
-            self.flush(slicer);
-        }
-        more
-    }
-
-    fn now_ns(&self) -> u64 {
-        self.ns(self.tick)
-    }
-}
-
-/// What is wrong with the text of a file is told from trouble in reading it.
-fn complaint(error: &io::Error) -> String {
-    match error
-        .get_ref()
-        .and_then(|inner| inner.downcast_ref::<vcd::ParseError>())
-    {
-        Some(parse) => format!("this is no VCD: {parse}"),
-        None => error.to_string(),
-    }
-}
-
-/// All one-bit signals with their scopes.
-fn collect(items: &[ScopeItem], scope: &str, channels: &mut Vec<Channel>, codes: &mut Vec<IdCode>) {
-    for item in items {
-        match item {
-            ScopeItem::Scope(inner) => {
-                let scope = format!("{scope}{}.", inner.identifier);
-                collect(&inner.items, &scope, channels, codes);
+    fn named(&mut self, name: &str) -> Vec<Channel> {
+        let mut found: Vec<Channel> = Vec::new();
+        let bit = name
+            .strip_suffix(']')
+            .and_then(|name| name.rsplit_once('['));
+        if let Some((base, bit)) = bit.and_then(|(base, bit)| Some((base, bit.parse().ok()?))) {
+            let same = |name: &str, path: &str| base.trim_end() == name || base.trim_end() == path;
+            for (index, of) in &self.indexed {
+                let channel = &self.channels[*index];
+                if *of == bit && same(&channel.name, &channel.path) {
+                    found.push(channel.clone());
+                }
             }
-            ScopeItem::Var(var) if var.size == 1 => {
-                let known = codes.iter().position(|code| *code == var.code);
-                let id = known.unwrap_or_else(|| {
-                    codes.push(var.code);
-                    codes.len() - 1
-                });
-                channels.push(Channel {
-                    name: var.reference.clone(),
-                    path: format!("{scope}{}", var.reference),
+            for vector in self.vectors.iter().filter(|v| same(&v.name, &v.path)) {
+                let Some(place) = vector.place(bit) else {
+                    continue;
+                };
+                let wire = Wire {
+                    code: vector.code.clone(),
+                    bit: place,
+                };
+                let known = self.wires.iter().position(|known| *known == wire);
+                let id = known.unwrap_or(self.wires.len());
+                if known.is_none() {
+                    self.wires.push(wire);
+                }
+                found.push(Channel {
+                    name: format!("{}[{bit}]", vector.name),
+                    path: format!("{}[{bit}]", vector.path),
                     id,
                 });
             }
-            _ => {}
+        }
+        found
+    }
+
+    fn select(&mut self, ma: usize, slo: usize) {
+        let wanted = |id: usize| self.wires.get(id).map(Wanted::of).unwrap_or_default();
+        (self.ma, self.slo) = (wanted(ma), wanted(slo));
+    }
+
+    fn read(&mut self, slicer: &mut Slicer) -> Result<bool, Damage> {
+        let more = self.text.more("a word", is_space);
+        let scanned = match more {
+            Ok(true) => self.scan(slicer),
+            Ok(false) if self.pending != Pending::Nothing => {
+                let what = match self.pending {
+                    Pending::Comment => "in a command without `$end`",
+                    _ => "inside a change",
+                };
+                Err((self.text.at.saturating_sub(1), format!("it ends {what}")))
+            }
+            Ok(false) => Ok(()),
+            Err(ref said) => Err((self.text.at, said.clone())),
+        };
+        let damage = scanned.map_err(|(at, said)| self.text.damage(at, said));
+        if damage.is_err() || more == Ok(false) {
+            self.wave.flush(slicer);
+        } else {
+            self.wave.stand(slicer);
+        }
+        damage.map(|()| more == Ok(true))
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.wave.scale.ns(self.wave.tick)
+    }
+}
+
+/// What is wrong, and with which byte of the window.
+type Wrong = (usize, String);
+
+impl Vcd {
+    /// Takes everything that has come.
+    fn scan(&mut self, slicer: &mut Slicer) -> Result<(), Wrong> {
+        let (text, wave) = (self.text.window(), &mut self.wave);
+        let (ma, slo) = (&self.ma, &self.slo);
+        let mut at = self.text.at;
+        let end = self.text.len();
+        while at < end {
+            let byte = text[at];
+            if is_space(byte) {
+                at += 1;
+                continue;
+            }
+            match self.pending {
+                Pending::Nothing => {}
+                Pending::Code(of_ma, of_slo) => {
+                    let next = code_end(text, at)?;
+                    wave.change(ma.is(text, at), of_ma, slo.is(text, at), of_slo)
+                        .map_err(|said| (at, said.to_owned()))?;
+                    (at, self.pending) = (next, Pending::Nothing);
+                    continue;
+                }
+                Pending::Empty => {
+                    let next = code_end(text, at)?;
+                    if !self.strings.iter().any(|s| s.as_bytes() == &text[at..next]) {
+                        return Err((at, format!("{} is no string", word(text, at))));
+                    }
+                    (at, self.pending) = (next, Pending::Nothing);
+                    continue;
+                }
+                Pending::NoLevel => {
+                    (at, self.pending) = (code_end(text, at)?, Pending::Nothing);
+                    continue;
+                }
+                Pending::Comment => {
+                    let next = word_end(text, at);
+                    if is_end(&text[at..next]).map_err(|said| (at, said))? {
+                        self.pending = Pending::Nothing;
+                    }
+                    at = next;
+                    continue;
+                }
+            }
+            match byte {
+                b'#' => {
+                    let (tick, n) = digits(text, at + 1)
+                        .ok_or_else(|| (at, format!("the time {} is too large", word(text, at))))?;
+                    let next = at + 1 + n;
+                    if n == 0 || !is_space(text[next]) {
+                        return Err((at, format!("{} is no time", word(text, at))));
+                    }
+                    if tick != wave.tick {
+                        wave.goes_to(tick, slicer)
+                            .map_err(|said| (at, said.to_owned()))?;
+                    }
+                    at = next + 1;
+                }
+                _ if KIND[usize::from(byte)] & LEVEL != 0 => {
+                    let level = level(byte);
+                    let (to_ma, to_slo) = (ma.is(text, at + 1), slo.is(text, at + 1));
+                    if to_ma && ma.bit | slo.bit == 0 {
+                        // The two cases of nearly all changes of a recording.
+                        if wave.ma_changes(level) {
+                            return Err((at, TWICE.to_owned()));
+                        }
+                        at += 1 + ma.len;
+                        if to_slo {
+                            wave.slo_changes(level);
+                        }
+                    } else if to_slo && ma.bit | slo.bit == 0 {
+                        wave.slo_changes(level);
+                        at += 1 + slo.len;
+                    } else if is_space(text[at + 1]) {
+                        let value = [byte];
+                        self.pending = Pending::Code(ma.level(&value), slo.level(&value));
+                        at += 1;
+                    } else {
+                        let next = code_end(text, at + 1)?;
+                        let value = [byte];
+                        wave.change(to_ma, ma.level(&value), to_slo, slo.level(&value))
+                            .map_err(|said| (at, said.to_owned()))?;
+                        at = next;
+                    }
+                }
+                b'b' | b'B' => {
+                    let mut next = at + 1;
+                    while KIND[usize::from(text[next])] & LEVEL != 0 {
+                        next += 1;
+                    }
+                    let value = &text[at + 1..next];
+                    if value.is_empty() || !is_space(text[next]) {
+                        return Err((at, format!("{} is no vector", word(text, at))));
+                    }
+                    self.pending = Pending::Code(ma.level(value), slo.level(value));
+                    at = next + 1;
+                }
+                b'r' | b'R' if !is_space(text[at + 1]) => {
+                    self.pending = Pending::NoLevel;
+                    at = word_end(text, at);
+                }
+                b's' | b'S' => {
+                    let empty = is_space(text[at + 1]);
+                    self.pending = if empty {
+                        Pending::Empty
+                    } else {
+                        Pending::NoLevel
+                    };
+                    at = word_end(text, at);
+                }
+                b'$' => {
+                    let next = word_end(text, at);
+                    match &text[at..next] {
+                        b"$comment" | b"$date" | b"$version" => self.pending = Pending::Comment,
+                        b"$dumpvars" | b"$dumpall" | b"$dumpon" | b"$dumpoff" => self.dump = true,
+                        b"$end" if self.dump => self.dump = false,
+                        b"$end" => return Err((at, "`$end` of nothing".to_owned())),
+                        _ => {
+                            let said = format!("{} has no place here", word(text, at));
+                            return Err((at, said));
+                        }
+                    }
+                    at = next;
+                }
+                _ => return Err((at, format!("{} is no VCD", word(text, at)))),
+            }
+        }
+        self.text.at = at;
+        Ok(())
+    }
+}
+
+/// What a byte can be.
+const SPACE: u8 = 1;
+/// `!` to `~`, of which identifier codes are made.
+const CODE: u8 = 2;
+const LEVEL: u8 = 4;
+
+const KIND: [u8; 256] = {
+    let mut kind = [0; 256];
+    let mut byte = b'!';
+    while byte <= b'~' {
+        kind[byte as usize] = CODE;
+        byte += 1;
+    }
+    let spaces = b" \t\r\n";
+    let mut at = 0;
+    while at < spaces.len() {
+        kind[spaces[at] as usize] = SPACE;
+        at += 1;
+    }
+    let levels = b"01xXzZhHlLuU-";
+    let mut at = 0;
+    while at < levels.len() {
+        kind[levels[at] as usize] |= LEVEL;
+        at += 1;
+    }
+    kind
+};
+
+#[inline(always)]
+fn is_space(byte: u8) -> bool {
+    KIND[usize::from(byte)] & SPACE != 0
+}
+
+#[inline(always)]
+fn level(byte: u8) -> Option<bool> {
+    match byte {
+        b'0' | b'l' | b'L' => Some(false),
+        b'1' | b'h' | b'H' => Some(true),
+        _ => None,
+    }
+}
+
+/// Behind a word of any bytes.
+fn word_end(text: &[u8], at: usize) -> usize {
+    let rest = &text[at..];
+    at + rest.iter().position(|b| is_space(*b)).unwrap_or(rest.len())
+}
+
+/// Whether a comment ends with this word, as it may with no space before `$end`. Behind it there must be one: nobody knows
+/// what would be swallowed otherwise.
+fn is_end(word: &[u8]) -> Result<bool, String> {
+    match word.windows(4).position(|four| four == b"$end") {
+        None => Ok(false),
+        Some(at) if at + 4 == word.len() => Ok(true),
+        Some(_) => Err(format!("`$end` inside `{}`", word.escape_ascii())),
+    }
+}
+
+/// Behind an identifier code.
+#[inline(always)]
+fn code_end(text: &[u8], at: usize) -> Result<usize, Wrong> {
+    let mut next = at;
+    while KIND[usize::from(text[next])] & CODE != 0 {
+        next += 1;
+    }
+    if next == at || !is_space(text[next]) {
+        return Err((at, format!("{} is no identifier code", word(text, at))));
+    }
+    Ok(next)
+}
+
+/// A word, for a message.
+#[cold]
+fn word(text: &[u8], at: usize) -> String {
+    let word = &text[at..word_end(text, at)];
+    let more = if word.len() > 24 { "…" } else { "" };
+    format!("`{}{more}`", word[..word.len().min(24)].escape_ascii())
+}
+
+/// A signal whose changes are looked for.
+#[derive(Default)]
+struct Wanted {
+    /// The identifier code, lowest byte first, when it has no more than seven.
+    code: u64,
+    mask: u64,
+    len: usize,
+    /// The identifier code when it is longer.
+    long: Vec<u8>,
+    bit: usize,
+}
+
+impl Wanted {
+    fn of(wire: &Wire) -> Wanted {
+        let bytes = wire.code.as_bytes();
+        let mut wanted = Wanted {
+            len: bytes.len(),
+            bit: wire.bit,
+            ..Wanted::default()
+        };
+        if bytes.len() < 8 {
+            let mut word = [0; 8];
+            word[..bytes.len()].copy_from_slice(bytes);
+            wanted.code = u64::from_le_bytes(word);
+            wanted.mask = (1 << (8 * bytes.len())) - 1;
+        } else {
+            wanted.long = bytes.to_vec();
+        }
+        wanted
+    }
+
+    /// Whether this identifier code stands there.
+    #[inline(always)]
+    fn is(&self, text: &[u8], at: usize) -> bool {
+        if self.mask == 0 {
+            return self.is_long(text, at);
+        }
+        load(text, at) & self.mask == self.code && is_space(text[at + self.len])
+    }
+
+    #[cold]
+    fn is_long(&self, text: &[u8], at: usize) -> bool {
+        self.len > 0
+            && text[at..].starts_with(&self.long)
+            && text.get(at + self.len).copied().is_some_and(is_space)
+    }
+
+    /// The level of its bit in the value of a vector, the highest bit first. Left of what is written stands 0, or what is
+    /// neither 0 nor 1 once more (IEEE 1364-2005, table 18-7).
+    #[inline(always)]
+    fn level(&self, value: &[u8]) -> Option<bool> {
+        match value.len().checked_sub(self.bit + 1) {
+            Some(place) => level(value[place]),
+            None => value.first().copied().and_then(level).map(|_| false),
         }
     }
+}
+
+const TWICE: &str = "MA changes twice within one tick: the time scale is too coarse for it";
+
+/// The levels from `tick` on, to be handed on when the next time comes.
+struct Wave {
+    scale: Scale,
+    tick: u64,
+    ma: Option<bool>,
+    slo: Option<bool>,
+    changed: bool,
+    /// MA has changed in this tick.
+    moved: bool,
+}
+
+impl Wave {
+    fn new(scale: Scale) -> Wave {
+        Wave {
+            scale,
+            tick: 0,
+            ma: None,
+            slo: None,
+            changed: false,
+            moved: false,
+        }
+    }
+
+    #[inline(always)]
+    fn goes_to(&mut self, tick: u64, slicer: &mut Slicer) -> Result<(), &'static str> {
+        self.flush(slicer);
+        if tick < self.tick {
+            return Err("time goes backwards");
+        }
+        self.tick = tick;
+        Ok(())
+    }
+
+    /// Hands on the levels of the tick that is over, if they are others.
+    #[inline(always)]
+    fn flush(&mut self, slicer: &mut Slicer) {
+        if self.changed {
+            (self.changed, self.moved) = (false, false);
+            self.push(slicer);
+        }
+    }
+
+    /// Time may have gone on without a change.
+    fn stand(&self, slicer: &mut Slicer) {
+        if !self.changed && self.ma.is_some() {
+            self.push(slicer);
+        }
+    }
+
+    #[inline(always)]
+    fn push(&self, slicer: &mut Slicer) {
+        let t_ns = self.scale.ns(self.tick);
+        match self.ma {
+            Some(ma) => slicer.push(t_ns, ma, self.slo),
+            // Before MA is known there is nothing to time, and no edge can be told after it was lost.
+            None => slicer.gap(t_ns),
+        }
+    }
+
+    fn change(
+        &mut self,
+        to_ma: bool,
+        of_ma: Option<bool>,
+        to_slo: bool,
+        of_slo: Option<bool>,
+    ) -> Result<(), &'static str> {
+        if to_slo {
+            self.slo_changes(of_slo);
+        }
+        if to_ma && self.ma_changes(of_ma) {
+            return Err(TWICE);
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn slo_changes(&mut self, level: Option<bool>) {
+        self.changed |= level != self.slo;
+        self.slo = level;
+    }
+
+    /// True when there is more than one change in a tick, of which nobody knows how long the level between them was. What
+    /// MA was before it was known is none.
+    #[inline(always)]
+    fn ma_changes(&mut self, level: Option<bool>) -> bool {
+        if level == self.ma {
+            return false;
+        }
+        let twice = self.moved && level.is_some();
+        self.moved |= self.ma.is_some();
+        self.changed = true;
+        self.ma = level;
+        twice
+    }
+}
+
+/// From ticks to nanoseconds, rounded down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scale {
+    /// So many nanoseconds.
+    Times(u64),
+    /// The so manieth part of one.
+    Part(u64),
+    /// So many femtoseconds: neither.
+    Fs(u64),
+}
+
+const NS_FS: u64 = 1_000_000;
+
+impl Scale {
+    fn of(tick_fs: u64) -> Scale {
+        match tick_fs {
+            fs if fs % NS_FS == 0 => Scale::Times(fs / NS_FS),
+            fs if NS_FS % fs == 0 => Scale::Part(NS_FS / fs),
+            fs => Scale::Fs(fs),
+        }
+    }
+
+    #[inline(always)]
+    fn ns(self, tick: u64) -> u64 {
+        match self {
+            Scale::Times(n) => tick.saturating_mul(n),
+            // Divided by a constant is multiplied.
+            Scale::Part(1_000) => tick / 1_000,
+            Scale::Part(10_000) => tick / 10_000,
+            Scale::Part(100_000) => tick / 100_000,
+            Scale::Part(1_000_000) => tick / 1_000_000,
+            Scale::Part(n) => tick / n,
+            Scale::Fs(fs) => {
+                let ns = u128::from(tick) * u128::from(fs) / u128::from(NS_FS);
+                u64::try_from(ns).unwrap_or(u64::MAX)
+            }
+        }
+    }
+}
+
+impl Vector {
+    /// How far from the lowest bit `bit` stands, if there is such a one.
+    fn place(&self, bit: i64) -> Option<usize> {
+        let within = bit >= self.left.min(self.right) && bit <= self.left.max(self.right);
+        within.then(|| usize::try_from(bit.abs_diff(self.right)).ok())?
+    }
+}
+
+/// What a header may take of the memory.
+const NAMES_MAX: usize = 24 << 20;
+/// What one signal takes beside its names, about.
+const SIGNAL: usize = 224;
+/// One command of a header that is not skipped.
+const COMMAND_MAX: usize = 64 << 10;
+
+/// Reads what comes before the first change.
+struct Header<'a> {
+    text: &'a mut Text,
+    /// Where the last word began.
+    word_at: usize,
+    spent: usize,
+    /// Scopes, each with a point behind it; and how long this was outside each of them.
+    scope: String,
+    outer: Vec<usize>,
+    ids: HashMap<String, usize>,
+    found: Found,
+}
+
+#[derive(Default)]
+struct Found {
+    tick_fs: Option<u64>,
+    channels: Vec<Channel>,
+    wires: Vec<Wire>,
+    vectors: Vec<Vector>,
+    indexed: Vec<(usize, i64)>,
+    strings: Vec<String>,
+}
+
+impl Header<'_> {
+    fn new(text: &mut Text) -> Header<'_> {
+        Header {
+            text,
+            word_at: 0,
+            spent: 0,
+            scope: String::new(),
+            outer: Vec::new(),
+            ids: HashMap::new(),
+            found: Found::default(),
+        }
+    }
+
+    fn read(&mut self) -> Result<(), String> {
+        let mut first = true;
+        loop {
+            let word = self.word()?;
+            let word = match word.strip_prefix('\u{feff}') {
+                Some(word) if first => word,
+                _ => &word,
+            };
+            first = false;
+            match word {
+                "$enddefinitions" => {
+                    self.nothing_more(word)?;
+                    break;
+                }
+                "$timescale" => {
+                    let said = self.words(word)?.join(" ");
+                    let tick_fs = timescale(&said);
+                    let tick_fs = tick_fs.ok_or_else(|| format!("`{said}` is no time scale"))?;
+                    self.found.tick_fs = Some(tick_fs);
+                }
+                "$scope" => {
+                    let words = self.words(word)?;
+                    self.outer.push(self.scope.len());
+                    if let [_, name @ ..] = &words[..] {
+                        self.scope.push_str(&name.join(" "));
+                    }
+                    self.scope.push('.');
+                    if self.scope.len() > COMMAND_MAX {
+                        return Err("scopes are nested too deeply".into());
+                    }
+                }
+                "$upscope" => {
+                    self.nothing_more(word)?;
+                    let outer = self.outer.pop();
+                    let outer = outer.ok_or("`$upscope` without a `$scope`")?;
+                    self.scope.truncate(outer);
+                }
+                "$var" => {
+                    let words = self.words(word)?;
+                    self.var(&words)?;
+                }
+                "$dumpvars" | "$dumpall" | "$dumpon" | "$dumpoff" | "$end" => {
+                    return Err(format!("`{word}` has no place in the header"));
+                }
+                _ if word.len() > 1 && word.starts_with('$') => self.skip()?,
+                _ => {
+                    let word: String = word.escape_debug().take(24).collect();
+                    return Err(format!("`{word}` is no VCD"));
+                }
+            }
+        }
+        self.tell_apart();
+        Ok(())
+    }
+
+    /// The next word.
+    fn word(&mut self) -> Result<String, String> {
+        while self.text.more("a word", is_space)? {
+            let (text, at) = (self.text.window(), self.text.at);
+            let spaces = text[at..self.text.len()].iter();
+            let Some(gap) = spaces
+                .take(self.text.len() - at)
+                .position(|b| !is_space(*b))
+            else {
+                self.text.at = self.text.len();
+                continue;
+            };
+            let next = word_end(text, at + gap);
+            let word = String::from_utf8_lossy(&text[at + gap..next]).into_owned();
+            (self.word_at, self.text.at) = (at + gap, next);
+            return Ok(word);
+        }
+        self.word_at = self.text.at.saturating_sub(1);
+        Err("it ends before `$enddefinitions`".into())
+    }
+
+    fn nothing_more(&mut self, command: &str) -> Result<(), String> {
+        match self.words(command)?.first() {
+            Some(word) => Err(format!("`{word}` in `{command}`, which takes nothing")),
+            None => Ok(()),
+        }
+    }
+
+    /// All words up to `$end`.
+    fn words(&mut self, command: &str) -> Result<Vec<String>, String> {
+        let (mut words, mut long) = (Vec::new(), 0);
+        loop {
+            let word = self.word()?;
+            match word.as_str() {
+                "$end" => return Ok(words),
+                "$var" | "$scope" | "$upscope" | "$enddefinitions" => {
+                    return Err(format!("`{command}` without `$end`"));
+                }
+                _ => {}
+            }
+            long += word.len() + 24;
+            if long > COMMAND_MAX {
+                return Err(format!("a `{command}` of more than 64 KiB"));
+            }
+            words.push(word);
+        }
+    }
+
+    fn skip(&mut self) -> Result<(), String> {
+        while !is_end(self.word()?.as_bytes())? {}
+        Ok(())
+    }
+
+    fn var(&mut self, words: &[String]) -> Result<(), String> {
+        let [kind, size, code, name @ ..] = words else {
+            return Err("a `$var` without type, size, identifier code and name".into());
+        };
+        let size: u32 = size
+            .parse()
+            .map_err(|_| format!("`{size}` is no size of a `$var`"))?;
+        if let Some(other) = code.bytes().find(|b| KIND[usize::from(*b)] & CODE == 0) {
+            return Err(format!("an identifier code with the byte {other:#04x}"));
+        }
+        if name.is_empty() {
+            return Err("a `$var` without a name".into());
+        }
+        let name = name.join(" ");
+        let (name, range) = split_range(&name, size);
+        let path = format!("{}{name}", self.scope);
+        self.spent += 2 * name.len() + path.len() + code.len() + SIGNAL;
+        if self.spent > NAMES_MAX {
+            return Err("more signals than biss has room for: record or dump fewer".into());
+        }
+        match kind.as_str() {
+            "string" => {
+                self.found.strings.push(code.clone());
+                return Ok(());
+            }
+            "real" | "realtime" | "shortreal" => return Ok(()),
+            _ if size == 0 => return Ok(()),
+            _ => {}
+        }
+        let name = name.to_owned();
+        if size > 1 {
+            let (left, right) = range.unwrap_or((i64::from(size) - 1, 0));
+            self.found.vectors.push(Vector {
+                name,
+                path,
+                code: code.clone(),
+                left,
+                right,
+            });
+            return Ok(());
+        }
+        if let Some((bit, _)) = range {
+            self.found.indexed.push((self.found.channels.len(), bit));
+        }
+        let wires = &mut self.found.wires;
+        let id = *self.ids.entry(code.clone()).or_insert_with(|| {
+            wires.push(Wire {
+                code: code.clone(),
+                bit: 0,
+            });
+            wires.len() - 1
+        });
+        self.found.channels.push(Channel { name, path, id });
+        Ok(())
+    }
+
+    /// A vector that is written bit by bit: each gets its index into its name. One alone is called as it is called.
+    fn tell_apart(&mut self) {
+        let Found {
+            channels, indexed, ..
+        } = &mut self.found;
+        indexed.sort_by(|a, b| (&channels[a.0].path, a.1).cmp(&(&channels[b.0].path, b.1)));
+        let mut from = 0;
+        while from < indexed.len() {
+            let path = channels[indexed[from].0].path.clone();
+            let alike = indexed[from..]
+                .iter()
+                .take_while(|(index, _)| channels[*index].path == path)
+                .count();
+            if alike > 1 {
+                for (index, bit) in &indexed[from..from + alike] {
+                    let channel = &mut channels[*index];
+                    channel.name = format!("{}[{bit}]", channel.name);
+                    channel.path = format!("{path}[{bit}]");
+                }
+            }
+            from += alike;
+        }
+    }
+}
+
+/// A name without `[7:0]`, or ` [3]`, and that. Without a space before it, an index alone belongs to the name of one bit.
+fn split_range(name: &str, size: u32) -> (&str, Option<(i64, i64)>) {
+    let whole = (name, None);
+    let Some((base, range)) = name.strip_suffix(']').and_then(|n| n.rsplit_once('[')) else {
+        return whole;
+    };
+    let number = |text: &str| text.trim().parse::<i64>().ok();
+    let range = match range.split_once(':') {
+        Some((left, right)) => number(left).zip(number(right)),
+        None if base.ends_with(' ') => number(range).map(|bit| (bit, bit)),
+        None => None,
+    };
+    let base = base.trim_end();
+    match range {
+        Some((left, right))
+            if !base.is_empty() && left.abs_diff(right).checked_add(1) == Some(size.into()) =>
+        {
+            (base, range)
+        }
+        _ => whole,
+    }
+}
+
+/// `1ns`, `10 us`: femtoseconds.
+fn timescale(text: &str) -> Option<u64> {
+    let unit_at = text.find(|c: char| !c.is_ascii_digit())?;
+    let (count, unit) = text.split_at(unit_at);
+    let unit_fs: u64 = match unit.trim_start().to_ascii_lowercase().as_str() {
+        "s" => 1_000_000_000_000_000,
+        "ms" => 1_000_000_000_000,
+        "us" => 1_000_000_000,
+        "ns" => 1_000_000,
+        "ps" => 1_000,
+        "fs" => 1,
+        _ => return None,
+    };
+    let count: u64 = count.parse().ok()?;
+    count.checked_mul(unit_fs).filter(|fs| *fs > 0)
 }
