@@ -103,6 +103,7 @@ const LINKS: &[&str] = &[
     "link/bitbang.rs",
     "link/bus.rs",
     "link/file.rs",
+    "link/file/csv.rs",
     "link/file/source.rs",
     "link/file/text.rs",
     "link/file/vcd.rs",

@@ -1,5 +1,6 @@
 //! `file`: a recording of MA and SLO as a link that is not live.
 
+mod csv;
 mod source;
 mod text;
 mod vcd;
@@ -8,8 +9,9 @@ use super::{Caps, Clock, Error, Known, Link};
 use crate::slice::Slicer;
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
+use csv::Csv;
 use source::{Channel, Source};
-use std::io::Read;
+use std::io::{self, Cursor, Read};
 use vcd::Vcd;
 
 /// A recording, read as it is used.
@@ -22,24 +24,46 @@ pub struct Recording {
     damage: Option<Error>,
 }
 
-const HINT: &str =
-    "biss reads VCD files, as PulseView, GTKWave, sigrok-cli -O vcd and HDL simulators write them";
+const HINT: &str = "biss reads VCD, as PulseView, GTKWave, sigrok-cli -O vcd and HDL simulators write it, and CSV of logic analysers";
 
-/// Reads a VCD recording and finds MA and SLO in it by name. `name` is for messages, `timeout_max_ns` is the longest
+/// Reads a recording, VCD or CSV, and finds MA and SLO in it by name. `name` is for messages, `timeout_max_ns` is the longest
 /// timeout of the slave.
 ///
 /// # Errors
-/// When it cannot be read, is no VCD, or has no such signals.
+/// When it cannot be read, is neither, or has no such signals.
 pub fn open(
-    input: impl Read + 'static,
+    mut input: impl Read + 'static,
     name: &str,
     ma: Option<&str>,
     slo: Option<&str>,
     timeout_max_ns: u64,
 ) -> Result<Recording, Error> {
     let doing = format!("reading the header of {name}");
-    let source = Vcd::open(input).map_err(|said| Error::new(&doing, said, HINT))?;
-    Recording::new(Box::new(source), name.to_owned(), ma, slo, timeout_max_ns)
+    let error = |said: String| Error::new(&doing, said, HINT);
+    let head = head(&mut input).map_err(|e| error(e.to_string()))?;
+    let csv = !vcd::looks_like(&head) && csv::looks_like(&head);
+    let input = Cursor::new(head).chain(input);
+    let source: Box<dyn Source> = if csv {
+        Box::new(Csv::open(input, None).map_err(error)?)
+    } else {
+        Box::new(Vcd::open(input).map_err(error)?)
+    };
+    Recording::new(source, name.to_owned(), ma, slo, timeout_max_ns)
+}
+
+/// What tells one kind from another: the first line that is more than nothing.
+fn head(input: &mut impl Read) -> io::Result<Vec<u8>> {
+    let mut head = vec![0; 4096];
+    let mut n = 0;
+    while n < head.len() && !head[..n].trim_ascii_start().contains(&b'\n') {
+        match input.read(&mut head[n..]) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Ok(0) => break,
+            read => n += read?,
+        }
+    }
+    head.truncate(n);
+    Ok(head)
 }
 
 impl Recording {

@@ -114,13 +114,21 @@ fn newlines(bytes: &[u8]) -> u64 {
     bytes.chunks(255).map(|chunk| u64::from(count(chunk))).sum()
 }
 
-/// Eight bytes, the first one lowest.
+/// Eight bytes, the first one lowest; 0 behind the end.
 #[inline(always)]
 pub(super) fn load(bytes: &[u8], at: usize) -> u64 {
-    bytes
-        .get(at..at + 8)
-        .and_then(|eight| eight.try_into().ok())
-        .map_or(0, u64::from_le_bytes)
+    match bytes.get(at..at + 8).map(<[u8; 8]>::try_from) {
+        Some(Ok(eight)) => u64::from_le_bytes(eight),
+        _ => load_last(bytes, at),
+    }
+}
+
+fn load_last(bytes: &[u8], at: usize) -> u64 {
+    let last = bytes.get(at..).unwrap_or_default();
+    last.iter()
+        .rev()
+        .take(8)
+        .fold(0, |word, b| word << 8 | u64::from(*b))
 }
 
 const POWERS: [u64; 9] = [

@@ -10,6 +10,14 @@ use crate::slice::Slicer;
 use std::collections::HashMap;
 use std::io::Read;
 
+/// Text that begins as a VCD does.
+pub(super) fn looks_like(head: &[u8]) -> bool {
+    let head = head.strip_prefix(BOM).unwrap_or(head).trim_ascii_start();
+    head.first() == Some(&b'$') && head.get(1).is_some_and(u8::is_ascii_lowercase)
+}
+
+const BOM: &[u8] = b"\xef\xbb\xbf";
+
 /// A VCD file.
 pub(super) struct Vcd {
     text: Text,
