@@ -143,19 +143,39 @@ const POWERS: [u64; 9] = [
     100_000_000,
 ];
 
+/// For each byte that is a digit its value, and the highest bit of the first one that is none.
+#[inline(always)]
+fn decode(bytes: &[u8], at: usize) -> (u64, u64) {
+    let digits = load(bytes, at) ^ 0x3030_3030_3030_3030;
+    // The lowest byte above 9 sets its highest bit; what a carry does above it does not matter.
+    let others = digits.wrapping_add(0x7676_7676_7676_7676) | digits;
+    (digits, others & 0x8080_8080_8080_8080)
+}
+
+/// The value of eight digits, the first one lowest.
+#[inline(always)]
+fn value(digits: u64) -> u64 {
+    let pairs = digits.wrapping_mul(2561) >> 8 & 0x00ff_00ff_00ff_00ff;
+    let fours = pairs.wrapping_mul(6_553_601) >> 16 & 0x0000_ffff_0000_ffff;
+    fours.wrapping_mul(42_949_672_960_001) >> 32
+}
+
+/// The value of eight digits, when there are so many.
+#[inline(always)]
+pub(super) fn all_eight(bytes: &[u8], at: usize) -> Option<u64> {
+    let (digits, others) = decode(bytes, at);
+    (others == 0).then(|| value(digits))
+}
+
 /// Up to eight digits: their value and how many.
 #[inline(always)]
 fn eight_digits(bytes: &[u8], at: usize) -> (u64, usize) {
-    let digits = load(bytes, at) ^ 0x3030_3030_3030_3030;
-    // The lowest byte above 9 sets its highest bit; what a carry does above it does not matter.
-    let others = (digits.wrapping_add(0x7676_7676_7676_7676) | digits) & 0x8080_8080_8080_8080;
+    let (digits, others) = decode(bytes, at);
     let n = (others.trailing_zeros() / 8) as usize;
     if n == 0 {
         return (0, 0);
     }
-    let pairs = (digits << (64 - 8 * n)).wrapping_mul(2561) >> 8 & 0x00ff_00ff_00ff_00ff;
-    let fours = pairs.wrapping_mul(6_553_601) >> 16 & 0x0000_ffff_0000_ffff;
-    (fours.wrapping_mul(42_949_672_960_001) >> 32, n)
+    (value(digits << (64 - 8 * n)), n)
 }
 
 /// Digits, as many as there are: their value and how many. `None` beyond 64 bits.

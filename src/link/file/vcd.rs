@@ -5,7 +5,7 @@
 //! neither, as libsigrok's `src/input/vcd.c` does.
 
 use super::source::{Channel, Damage, Source};
-use super::text::{Text, digits, load};
+use super::text::{Text, all_eight, digits, load};
 use crate::slice::Slicer;
 use std::collections::HashMap;
 use std::io::Read;
@@ -27,14 +27,19 @@ pub(super) struct Vcd {
     vectors: Vec<Vector>,
     /// Channels that had an index in the header.
     indexed: Vec<(usize, i64)>,
-    /// Identifier codes of strings.
-    strings: Vec<String>,
+    state: State,
+}
+
+/// How far the changes have been understood.
+struct State {
     ma: Wanted,
     slo: Wanted,
     wave: Wave,
     pending: Pending,
     /// Inside `$dumpvars` or one of its kind.
     dump: bool,
+    /// Identifier codes of strings.
+    strings: Vec<String>,
 }
 
 /// One bit of what an identifier code stands for; the lowest is 0.
@@ -90,12 +95,14 @@ impl Vcd {
             wires: header.wires,
             vectors: header.vectors,
             indexed: header.indexed,
-            strings: header.strings,
-            ma: Wanted::default(),
-            slo: Wanted::default(),
-            wave: Wave::new(Scale::of(tick_fs)),
-            pending: Pending::Nothing,
-            dump: false,
+            state: State {
+                ma: Wanted::default(),
+                slo: Wanted::default(),
+                wave: Wave::new(Scale::of(tick_fs)),
+                pending: Pending::Nothing,
+                dump: false,
+                strings: header.strings,
+            },
         })
     }
 }
@@ -143,15 +150,15 @@ impl Source for Vcd {
 
     fn select(&mut self, ma: usize, slo: usize) {
         let wanted = |id: usize| self.wires.get(id).map(Wanted::of).unwrap_or_default();
-        (self.ma, self.slo) = (wanted(ma), wanted(slo));
+        (self.state.ma, self.state.slo) = (wanted(ma), wanted(slo));
     }
 
     fn read(&mut self, slicer: &mut Slicer) -> Result<bool, Damage> {
         let more = self.text.more("a word", is_space);
         let scanned = match more {
             Ok(true) => self.scan(slicer),
-            Ok(false) if self.pending != Pending::Nothing => {
-                let what = match self.pending {
+            Ok(false) if self.state.pending != Pending::Nothing => {
+                let what = match self.state.pending {
                     Pending::Comment => "in a command without `$end`",
                     _ => "inside a change",
                 };
@@ -162,15 +169,15 @@ impl Source for Vcd {
         };
         let damage = scanned.map_err(|(at, said)| self.text.damage(at, said));
         if damage.is_err() || more == Ok(false) {
-            self.wave.flush(slicer);
+            self.state.wave.flush(slicer);
         } else {
-            self.wave.stand(slicer);
+            self.state.wave.stand(slicer);
         }
         damage.map(|()| more == Ok(true))
     }
 
     fn now_ns(&self) -> u64 {
-        self.wave.scale.ns(self.wave.tick)
+        self.state.wave.scale.ns(self.state.wave.tick)
     }
 }
 
@@ -180,132 +187,195 @@ type Wrong = (usize, String);
 impl Vcd {
     /// Takes everything that has come.
     fn scan(&mut self, slicer: &mut Slicer) -> Result<(), Wrong> {
-        let (text, wave) = (self.text.window(), &mut self.wave);
-        let (ma, slo) = (&self.ma, &self.slo);
-        let mut at = self.text.at;
-        let end = self.text.len();
+        let (text, state) = (self.text.window(), &mut self.state);
+        let (mut at, end) = (self.text.at, self.text.len());
         while at < end {
-            let byte = text[at];
-            if is_space(byte) {
-                at += 1;
-                continue;
-            }
-            match self.pending {
-                Pending::Nothing => {}
-                Pending::Code(of_ma, of_slo) => {
-                    let next = code_end(text, at)?;
-                    wave.change(ma.is(text, at), of_ma, slo.is(text, at), of_slo)
-                        .map_err(|said| (at, said.to_owned()))?;
-                    (at, self.pending) = (next, Pending::Nothing);
-                    continue;
-                }
-                Pending::Empty => {
-                    let next = code_end(text, at)?;
-                    if !self.strings.iter().any(|s| s.as_bytes() == &text[at..next]) {
-                        return Err((at, format!("{} is no string", word(text, at))));
-                    }
-                    (at, self.pending) = (next, Pending::Nothing);
-                    continue;
-                }
-                Pending::NoLevel => {
-                    (at, self.pending) = (code_end(text, at)?, Pending::Nothing);
-                    continue;
-                }
-                Pending::Comment => {
-                    let next = word_end(text, at);
-                    if is_end(&text[at..next]).map_err(|said| (at, said))? {
-                        self.pending = Pending::Nothing;
-                    }
-                    at = next;
-                    continue;
-                }
-            }
-            match byte {
-                b'#' => {
-                    let (tick, n) = digits(text, at + 1)
-                        .ok_or_else(|| (at, format!("the time {} is too large", word(text, at))))?;
-                    let next = at + 1 + n;
-                    if n == 0 || !is_space(text[next]) {
-                        return Err((at, format!("{} is no time", word(text, at))));
-                    }
-                    if tick != wave.tick {
-                        wave.goes_to(tick, slicer)
-                            .map_err(|said| (at, said.to_owned()))?;
-                    }
-                    at = next + 1;
-                }
-                _ if KIND[usize::from(byte)] & LEVEL != 0 => {
-                    let level = level(byte);
-                    let (to_ma, to_slo) = (ma.is(text, at + 1), slo.is(text, at + 1));
-                    if to_ma && ma.bit | slo.bit == 0 {
-                        // The two cases of nearly all changes of a recording.
-                        if wave.ma_changes(level) {
-                            return Err((at, TWICE.to_owned()));
-                        }
-                        at += 1 + ma.len;
-                        if to_slo {
-                            wave.slo_changes(level);
-                        }
-                    } else if to_slo && ma.bit | slo.bit == 0 {
-                        wave.slo_changes(level);
-                        at += 1 + slo.len;
-                    } else if is_space(text[at + 1]) {
-                        let value = [byte];
-                        self.pending = Pending::Code(ma.level(&value), slo.level(&value));
-                        at += 1;
-                    } else {
-                        let next = code_end(text, at + 1)?;
-                        let value = [byte];
-                        wave.change(to_ma, ma.level(&value), to_slo, slo.level(&value))
-                            .map_err(|said| (at, said.to_owned()))?;
-                        at = next;
-                    }
-                }
-                b'b' | b'B' => {
-                    let mut next = at + 1;
-                    while KIND[usize::from(text[next])] & LEVEL != 0 {
-                        next += 1;
-                    }
-                    let value = &text[at + 1..next];
-                    if value.is_empty() || !is_space(text[next]) {
-                        return Err((at, format!("{} is no vector", word(text, at))));
-                    }
-                    self.pending = Pending::Code(ma.level(value), slo.level(value));
-                    at = next + 1;
-                }
-                b'r' | b'R' if !is_space(text[at + 1]) => {
-                    self.pending = Pending::NoLevel;
-                    at = word_end(text, at);
-                }
-                b's' | b'S' => {
-                    let empty = is_space(text[at + 1]);
-                    self.pending = if empty {
-                        Pending::Empty
-                    } else {
-                        Pending::NoLevel
-                    };
-                    at = word_end(text, at);
-                }
-                b'$' => {
-                    let next = word_end(text, at);
-                    match &text[at..next] {
-                        b"$comment" | b"$date" | b"$version" => self.pending = Pending::Comment,
-                        b"$dumpvars" | b"$dumpall" | b"$dumpon" | b"$dumpoff" => self.dump = true,
-                        b"$end" if self.dump => self.dump = false,
-                        b"$end" => return Err((at, "`$end` of nothing".to_owned())),
-                        _ => {
-                            let said = format!("{} has no place here", word(text, at));
-                            return Err((at, said));
-                        }
-                    }
-                    at = next;
-                }
-                _ => return Err((at, format!("{} is no VCD", word(text, at)))),
+            at = state.hurry(text, at, end, slicer);
+            if at < end {
+                at = state.step(text, at, slicer)?;
             }
         }
         self.text.at = at;
         Ok(())
     }
+}
+
+impl State {
+    /// Takes what nearly all of a recording is made of, times that go on and changes of two wires, up to the end or to
+    /// something else.
+    fn hurry(&mut self, text: &[u8], mut at: usize, end: usize, slicer: &mut Slicer) -> usize {
+        let (ma, slo, mut wave) = (&self.ma, &self.slo, self.wave);
+        let plain = ma.mask > 0 && slo.mask > 0 && ma.bit | slo.bit == 0 && ma.code != slo.code;
+        if !plain || self.pending != Pending::Nothing {
+            return at;
+        }
+        while at < end {
+            let byte = text[at];
+            if byte == b'#' {
+                let (tick, next) = time(text, at + 1);
+                if tick <= wave.tick || !is_space(text[next]) {
+                    break;
+                }
+                wave.flush(slicer);
+                wave.tick = tick;
+                at = next + 1;
+            } else if byte | 1 == b'1' {
+                let level = Some(byte == b'1');
+                if ma.is(text, at + 1) {
+                    if wave.moved && wave.ma != level {
+                        break;
+                    }
+                    wave.ma_changes(level);
+                    at += 1 + ma.len;
+                } else if slo.is(text, at + 1) {
+                    wave.slo_changes(level);
+                    at += 1 + slo.len;
+                } else {
+                    let mut next = at + 1;
+                    while KIND[usize::from(text[next])] & CODE != 0 {
+                        next += 1;
+                    }
+                    if next == at + 1 || !is_space(text[next]) {
+                        break;
+                    }
+                    at = next + 1;
+                }
+            } else if is_space(byte) {
+                at += 1;
+            } else {
+                break;
+            }
+        }
+        self.wave = wave;
+        at
+    }
+
+    /// Takes a word, or part of a command.
+    fn step(&mut self, text: &[u8], mut at: usize, slicer: &mut Slicer) -> Result<usize, Wrong> {
+        let (ma, slo, wave) = (&self.ma, &self.slo, &mut self.wave);
+        let byte = text[at];
+        if is_space(byte) {
+            return Ok(at + 1);
+        }
+        match self.pending {
+            Pending::Nothing => {}
+            Pending::Code(of_ma, of_slo) => {
+                let next = code_end(text, at)?;
+                wave.change(ma.is(text, at), of_ma, slo.is(text, at), of_slo)
+                    .map_err(|said| (at, said.to_owned()))?;
+                self.pending = Pending::Nothing;
+                return Ok(next);
+            }
+            Pending::Empty => {
+                let next = code_end(text, at)?;
+                if !self.strings.iter().any(|s| s.as_bytes() == &text[at..next]) {
+                    return Err((at, format!("{} is no string", word(text, at))));
+                }
+                self.pending = Pending::Nothing;
+                return Ok(next);
+            }
+            Pending::NoLevel => {
+                self.pending = Pending::Nothing;
+                return code_end(text, at);
+            }
+            Pending::Comment => {
+                let next = word_end(text, at);
+                if is_end(&text[at..next]).map_err(|said| (at, said))? {
+                    self.pending = Pending::Nothing;
+                }
+                return Ok(next);
+            }
+        }
+        match byte {
+            b'#' => {
+                let (tick, n) = digits(text, at + 1)
+                    .ok_or_else(|| (at, format!("the time {} is too large", word(text, at))))?;
+                let next = at + 1 + n;
+                if n == 0 || !is_space(text[next]) {
+                    return Err((at, format!("{} is no time", word(text, at))));
+                }
+                if tick != wave.tick {
+                    wave.goes_to(tick, slicer)
+                        .map_err(|said| (at, said.to_owned()))?;
+                }
+                at = next + 1;
+            }
+            _ if KIND[usize::from(byte)] & LEVEL != 0 => {
+                let value = [byte];
+                let (of_ma, of_slo) = (ma.level(&value), slo.level(&value));
+                if is_space(text[at + 1]) {
+                    self.pending = Pending::Code(of_ma, of_slo);
+                    at += 1;
+                } else {
+                    let next = code_end(text, at + 1)?;
+                    let (to_ma, to_slo) = (ma.is(text, at + 1), slo.is(text, at + 1));
+                    wave.change(to_ma, of_ma, to_slo, of_slo)
+                        .map_err(|said| (at, said.to_owned()))?;
+                    at = next;
+                }
+            }
+            b'b' | b'B' => {
+                let mut next = at + 1;
+                while KIND[usize::from(text[next])] & LEVEL != 0 {
+                    next += 1;
+                }
+                let value = &text[at + 1..next];
+                if value.is_empty() || !is_space(text[next]) {
+                    return Err((at, format!("{} is no vector", word(text, at))));
+                }
+                self.pending = Pending::Code(ma.level(value), slo.level(value));
+                at = next + 1;
+            }
+            b'r' | b'R' if !is_space(text[at + 1]) => {
+                self.pending = Pending::NoLevel;
+                at = word_end(text, at);
+            }
+            b's' | b'S' => {
+                let empty = is_space(text[at + 1]);
+                self.pending = if empty {
+                    Pending::Empty
+                } else {
+                    Pending::NoLevel
+                };
+                at = word_end(text, at);
+            }
+            b'$' => {
+                let next = word_end(text, at);
+                match &text[at..next] {
+                    b"$comment" | b"$date" | b"$version" => self.pending = Pending::Comment,
+                    b"$dumpvars" | b"$dumpall" | b"$dumpon" | b"$dumpoff" => self.dump = true,
+                    b"$end" if self.dump => self.dump = false,
+                    b"$end" => return Err((at, "`$end` of nothing".to_owned())),
+                    _ => {
+                        let said = format!("{} has no place here", word(text, at));
+                        return Err((at, said));
+                    }
+                }
+                at = next;
+            }
+            _ => return Err((at, format!("{} is no VCD", word(text, at)))),
+        }
+        Ok(at)
+    }
+}
+
+/// Digits, as many as there are, and where they end. It is fast as the place of the next word is guessed, from how many there
+/// were the last times, before it is computed. More than 19 digits, or none, are 0: no time that goes on.
+#[inline(always)]
+fn time(text: &[u8], from: usize) -> (u64, usize) {
+    let (mut value, mut at) = (0u64, from);
+    if let Some(eight) = all_eight(text, at) {
+        (value, at) = (eight, at + 8);
+    }
+    while at < from + 20 {
+        let digit = text[at].wrapping_sub(b'0');
+        if digit > 9 {
+            return (value, at);
+        }
+        value = value.wrapping_mul(10).wrapping_add(u64::from(digit));
+        at += 1;
+    }
+    (0, at)
 }
 
 /// What a byte can be.
@@ -448,6 +518,7 @@ impl Wanted {
 const TWICE: &str = "MA changes twice within one tick: the time scale is too coarse for it";
 
 /// The levels from `tick` on, to be handed on when the next time comes.
+#[derive(Clone, Copy)]
 struct Wave {
     scale: Scale,
     tick: u64,
