@@ -189,7 +189,7 @@ impl Csv {
         let last = self.ma.max(self.slo).max(time_at.unwrap_or(0));
         let (mut ma, mut slo, mut time) = (None, None, None);
         let (mut at, mut column) = (from, 0);
-        if is_aside(&bytes[from..], layout.separator) {
+        if is_aside(&bytes[from..], layout.separator) || is_blank(&bytes[from..]) {
             return Ok(line_end(bytes, from) + 1);
         }
         loop {
@@ -222,10 +222,6 @@ impl Csv {
             }
             at = next;
             if bytes[at] == b'\n' {
-                if column == 0 && field.is_empty() {
-                    // A line with nothing on it.
-                    return Ok(at + 1);
-                }
                 if column < last {
                     let (has, wants) = (column + 1, layout.names.len());
                     let said = format!("{has} columns, where there should be {wants}");
@@ -268,6 +264,11 @@ fn is_aside(line: &[u8], separator: u8) -> bool {
         Some(b'M' | b'F') => line.starts_with(b"META ") || line.starts_with(b"FRAME-"),
         _ => false,
     }
+}
+
+fn is_blank(line: &[u8]) -> bool {
+    let first = line.iter().find(|b| !b" \t\r".contains(b));
+    first == Some(&b'\n')
 }
 
 /// The field that begins there, without spaces and quotes, and where its separator or end of line is.
@@ -630,22 +631,20 @@ impl Preamble {
                 begun = true;
             }
             let line = String::from_utf8_lossy(line.trim_ascii_end()).into_owned();
-            let (next, number) = (end + 1, text.line(at));
+            // Counted only where it is told.
+            let place = |text: &Text, said: String| format!("line {}: {said}", text.line(at));
+            let next = end + 1;
             if line.is_empty() {
                 text.at = next;
             } else if is_aside(line.as_bytes(), found.separator.unwrap_or(0)) {
-                found
-                    .comment(&line)
-                    .map_err(|said| format!("line {number}: {said}"))?;
+                found.comment(&line).map_err(|said| place(text, said))?;
                 text.at = next;
             } else if let [b's', b'e', b'p', b'=', separator] = line.as_bytes() {
                 // Excel's.
                 (found.separator, text.at) = (Some(*separator), next);
             } else {
-                found.first_line = number;
-                found
-                    .row(&line)
-                    .map_err(|said| format!("line {number}: {said}"))?;
+                found.first_line = text.line(at);
+                found.row(&line).map_err(|said| place(text, said))?;
                 if found.header {
                     text.at = next;
                     // Rows, by which times can be told from sample numbers.
@@ -875,4 +874,146 @@ fn separator(line: &str) -> u8 {
     let bytes: Vec<u8> = line.bytes().filter(outside).collect();
     let there = |byte: &&u8| bytes.contains(*byte);
     b"\t;,".iter().find(there).copied().unwrap_or(b',')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimals_are_exact() {
+        for (text, exponent, fs) in [
+            ("0", 15, 0),
+            ("-0.000000001", 15, -1_000_000),
+            ("7.642110550000000", 15, 7_642_110_550_000_000),
+            (
+                "12345678901.123456789012345",
+                15,
+                12_345_678_901_123_456_789_012_345,
+            ),
+            ("0,000000000000001", 15, 1),
+            ("1e-08", 15, 10_000_000),
+            ("4.16666666666667E-08", 15, 41_666_666),
+            ("1.5e3", 6, 1_500_000_000),
+            (".5", 12, 500_000_000_000),
+            ("5.", 12, 5_000_000_000_000),
+            ("+0.3", 0, 0),
+            (
+                "0.1000000000000000055511151231257827",
+                15,
+                100_000_000_000_000,
+            ),
+            ("18446744073709551615", 15, i128::from(u64::MAX) * SECOND_FS),
+            ("1e-400", 15, 0),
+            ("0e400", 15, 0),
+        ] {
+            assert_eq!(decimal(text.as_bytes(), exponent), Some(fs), "{text}");
+        }
+        for bad in [
+            "",
+            "-",
+            ".",
+            "e5",
+            "1e",
+            "1e+",
+            "1.2.3",
+            "1 2",
+            "0x1",
+            "--1",
+            "1-",
+            "nan",
+            "1e99999999999999999999",
+            "1e400",
+            "18446744073709551616",
+        ] {
+            assert_eq!(decimal(bad.as_bytes(), 15), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn random_decimals_equal_their_digits() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        for _ in 0..20_000 {
+            let (whole, places) = (rng.u64(..) >> rng.u8(..64), rng.usize(0..=15));
+            let part = rng.u64(..10u64.pow(places as u32));
+            let digits = format!("{part:0places$}");
+            let text = match places {
+                0 => whole.to_string(),
+                _ => format!("{whole}.{digits}"),
+            };
+            let want =
+                i128::from(whole) * SECOND_FS + i128::from(part) * 10i128.pow(15 - places as u32);
+            assert_eq!(decimal(text.as_bytes(), 15), Some(want), "{text}");
+            let shift = rng.i32(-9..=0);
+            let text = format!("{text}e{shift}");
+            let want = want / 10i128.pow(shift.unsigned_abs());
+            assert_eq!(decimal(text.as_bytes(), 15), Some(want), "{text}");
+        }
+    }
+
+    #[test]
+    fn dates_are_seconds_since_1970() {
+        for (text, seconds) in [
+            ("1970-01-01T00:00:00Z", 0),
+            ("2000-02-29T23:59:60", 951_868_800),
+            ("2024-03-01 00:00:00+00:00", 1_709_251_200),
+            ("2024-01-01T01:00:00+01:00", 1_704_067_200),
+            ("2023-12-31T19:30:00-0430", 1_704_067_200),
+            ("2024-01-01T05:00:00+05", 1_704_067_200),
+            ("1969-12-31T23:59:59Z", -1),
+        ] {
+            assert_eq!(date(text.as_bytes()), Some(seconds * SECOND_FS), "{text}");
+        }
+        let part = date(b"1970-01-01T00:00:01.123456789+00:00");
+        assert_eq!(part, Some(1_123_456_789_000_000));
+        for bad in [
+            "2024-13-01T00:00:00",
+            "2024-01-01T00:00",
+            "2024-01-01T00:00:00.",
+            "2024-01-01T00:00:00+1",
+            "2024-01-01T24:00:00",
+            "2024-01-01T00:00:00 UTC",
+            "2024/01/01T00:00:00",
+        ] {
+            assert_eq!(date(bad.as_bytes()), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn times_are_known_by_their_names() {
+        for (name, known) in [
+            ("Time [s]", Some(Unit::Known(15))),
+            ("Time(s)", Some(Unit::Known(15))),
+            ("time_us", Some(Unit::Known(9))),
+            ("Time (\u{b5}s)", Some(Unit::Known(9))),
+            ("t/ms", Some(Unit::Known(12))),
+            ("nanoseconds", Some(Unit::Known(6))),
+            ("Time", Some(Unit::Open)),
+            ("Time Stamp", Some(Unit::Open)),
+            ("Sample Number", Some(Unit::Samples)),
+            ("S", None),
+            ("Time [V]", None),
+            ("SLO", None),
+        ] {
+            assert_eq!(unit(name), known, "{name}");
+        }
+    }
+
+    #[test]
+    fn csv_is_told_from_other_things() {
+        for csv in [
+            "Time [s],MA\n",
+            "; CSV generated\n",
+            "\u{feff}a;b",
+            "0\t1\n",
+            "#x\n\n1,0",
+        ] {
+            assert!(looks_like(csv.as_bytes()), "{csv}");
+        }
+        for other in ["", "words\n", "PK\x03\x04,,", "$\n"] {
+            assert!(!looks_like(other.as_bytes()), "{other}");
+        }
+    }
 }

@@ -663,7 +663,7 @@ impl Vector {
 }
 
 /// What a header may take of the memory.
-const NAMES_MAX: usize = 24 << 20;
+const NAMES_MAX: usize = 40 << 20;
 /// What one signal takes beside its names, about.
 const SIGNAL: usize = 224;
 /// One command of a header that is not skipped.
