@@ -7,8 +7,8 @@ use std::io::{ErrorKind, Read};
 const BLOCK: usize = 256 << 10;
 /// A word or a line that is longer is none: a broken input shall not fill the memory.
 const LONGEST: usize = 1 << 20;
-/// Behind the text, so that whole words can be loaded from its last byte on.
-pub(super) const SLACK: usize = 16;
+/// Behind the text, so that whole words can be loaded from its last byte on. A power of two.
+pub(super) const SLACK: usize = 32;
 
 /// A window on the text.
 pub(super) struct Text {
