@@ -1,4 +1,4 @@
-//! Reading a VCD: our reader against crate `vcd` on the same text in memory, then `biss read` against sigrok-cli, which
+//! Reading a VCD: our reader against crate `vcd` on the same file, and in memory, then `biss read` against sigrok-cli, which
 //! merely reads the same file, both in turns: `cargo bench --bench recordings [ROUNDS]`.
 //!
 //! The recording is of a master that asks a simulated encoder every 100 µs at 1 MHz. Both readers hand each change of MA and
@@ -7,8 +7,9 @@
 
 use biss::slave::{Config, Slave};
 use std::fmt::Write as _;
+use std::fs::File;
 use std::hint::black_box;
-use std::io::Cursor;
+use std::io::{BufRead, BufReader, Cursor};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -110,7 +111,7 @@ fn recording(cycles: u64) -> String {
 }
 
 /// As biss read VCD before it had a reader of its own.
-fn read_with_crate(text: &[u8]) -> slice::Slicer {
+fn read_with_crate(text: impl BufRead) -> slice::Slicer {
     let mut parser = Parser::new(text);
     let header = parser.parse_header().unwrap();
     assert_eq!(header.timescale, Some((1, vcd::TimescaleUnit::NS)));
@@ -191,13 +192,18 @@ fn main() {
         text.len()
     );
     let copy = text.clone();
-    assert_eq!(file::read_vcd(Cursor::new(copy)), read_with_crate(&text));
-    println!("P5: a VCD in memory to changes");
-    // `Cursor` wants its text to live as long as the reader: a copy made outside the time that is taken.
-    let leaked: &'static [u8] = Box::leak(text.clone().into_boxed_slice());
+    assert_eq!(
+        file::read_vcd(Cursor::new(copy)),
+        read_with_crate(&text[..])
+    );
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench.vcd");
+    std::fs::write(&file, &text).unwrap();
+    // Our reader wants its input to live as long as the program.
+    let leaked: &'static [u8] = text.leak();
+    println!("a VCD in memory to changes");
     compare(
         rounds,
-        text.len(),
+        leaked.len(),
         &mut [
             ("ours", &mut || {
                 black_box(file::read_vcd(leaked));
@@ -207,13 +213,29 @@ fn main() {
             }),
         ],
     );
-    sigrok(rounds, &text);
+    println!("P5: a VCD file to changes");
+    compare(
+        rounds,
+        leaked.len(),
+        &mut [
+            ("ours", &mut || {
+                black_box(file::read_vcd(File::open(&file).unwrap()));
+            }),
+            ("crate vcd in a BufReader", &mut || {
+                let input = BufReader::new(File::open(&file).unwrap());
+                black_box(read_with_crate(input));
+            }),
+            ("crate vcd as biss had it", &mut || {
+                let input = BufReader::with_capacity(1 << 16, File::open(&file).unwrap());
+                black_box(read_with_crate(Box::new(input) as Box<dyn BufRead>));
+            }),
+        ],
+    );
+    sigrok(rounds, &file, leaked.len());
 }
 
 /// The same in two programs.
-fn sigrok(rounds: usize, text: &[u8]) {
-    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench.vcd");
-    std::fs::write(&file, text).unwrap();
+fn sigrok(rounds: usize, file: &Path, bytes: usize) {
     let file = file.to_str().unwrap();
     let run = |program: &str, args: &[&str]| {
         let status = Command::new(program)
@@ -233,7 +255,7 @@ fn sigrok(rounds: usize, text: &[u8]) {
     let biss = env!("CARGO_BIN_EXE_biss");
     compare(
         rounds.min(5),
-        text.len(),
+        bytes,
         &mut [
             ("biss read -o json", &mut || {
                 assert!(run(biss, &["read", &link, "-f", FRAME, "-o", "json", "-q"]));
