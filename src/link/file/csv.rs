@@ -1001,6 +1001,60 @@ mod tests {
         }
     }
 
+    /// When a recording ends, and what its channels are called.
+    fn read(text: &str, rate_hz: Option<u64>) -> Result<(u64, String), String> {
+        let mut csv = Csv::open(std::io::Cursor::new(text.to_owned()), rate_hz)?;
+        let names: Vec<&str> = csv.channels().iter().map(|c| c.name.as_str()).collect();
+        let names = names.join(" ");
+        let [ma, slo, ..] = csv.channels() else {
+            return Err("too few channels".into());
+        };
+        let (ma, slo) = (ma.id, slo.id);
+        csv.select(ma, slo);
+        let mut slicer = Slicer::new(40_000);
+        while csv.read(&mut slicer).map_err(|damage| damage.said)? {}
+        Ok((csv.now_ns(), names))
+    }
+
+    #[test]
+    fn time_comes_from_where_the_file_has_it() {
+        let rate = Some(3_000_000);
+        let ok = |ns, names: &str| Ok((ns, names.to_owned()));
+        for (text, rate_hz, want) in [
+            ("MA,SLO\n1,1\n0,1\n0,1\n0,1\n", rate, ok(1333, "MA SLO")),
+            ("1,1\n0,1\n0,1\n", rate, ok(1000, "0 1")),
+            ("Sample,MA,SLO\n7,1,1\n9,0,1\n", rate, ok(3000, "MA SLO")),
+            ("5,1,1\n6,0,1\n", rate, ok(2000, "0 1")),
+            ("0.5,1,1\n0.6,0,1\n", None, ok(600_000_000, "0 1")),
+            ("A,Time (us),B\n0,10,1\n1,20,0\n", None, ok(20_000, "A B")),
+            (
+                "; Samplerate: 1.5 kHz\n; Channels (2/4): X, Y\nlogic,logic\n1,1\n0,0\n",
+                None,
+                ok(1_333_333, "X Y"),
+            ),
+            (
+                "META samplerate: 2000\nlogic,logic\n1,1\n0,0\n",
+                None,
+                ok(1_000_000, "0 1"),
+            ),
+            // A clock that counts since 1970 has no room in what is averaged.
+            (
+                "time_ns,A,B\n1700000000000000000,1,1\n1700000000000000005,0,1\n",
+                None,
+                ok(5, "A B"),
+            ),
+            (
+                "Time [s],A,B\n-0.25,1,1\n0.0000000019,0,1\n",
+                None,
+                ok(250_000_001, "A B"),
+            ),
+        ] {
+            assert_eq!(read(text, rate_hz), want, "{text}");
+        }
+        let both = read("Time [s],A,B\n0.5,1,1\n", rate);
+        assert!(both.is_err_and(|said| said.contains("leave rate= out")));
+    }
+
     #[test]
     fn csv_is_told_from_other_things() {
         for csv in [
