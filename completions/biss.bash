@@ -109,7 +109,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__command)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --broadcast --unchecked --reduced --format --help gpio: wave: sim"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --broadcast --unchecked --reduced --format --help gpio: wave: sim"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -150,13 +150,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -165,6 +158,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -376,7 +376,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__info)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --no-write --format --help gpio: wave: sim"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --no-write --format --help gpio: wave: sim"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -417,13 +417,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -432,6 +425,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -723,7 +723,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --bank --verify --format --help gpio: wave: sim read write dump save load"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help gpio: wave: sim read write dump save load"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -764,13 +764,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -779,6 +772,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -815,7 +815,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__dump)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -856,13 +856,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -871,6 +864,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -907,7 +907,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__load)
-            opts="-c -q -v -o -h --dry-run --force --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --dry-run --force --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -948,13 +948,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -963,6 +956,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -999,7 +999,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__read)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1040,13 +1040,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1055,6 +1048,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -1091,7 +1091,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__save)
-            opts="-w -c -q -v -o -h --write --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --bank --verify --format --help"
+            opts="-w -c -q -v -o -h --write --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1140,13 +1140,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1155,6 +1148,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -1191,7 +1191,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__write)
-            opts="-c -q -v -o -h --unchecked --clock --timeout --ack-limit --busy-limit --retries --rt --cpu --quiet --verbose --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --unchecked --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1232,13 +1232,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
                 --rt)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1247,6 +1240,13 @@ _biss() {
                     return 0
                     ;;
                 --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace

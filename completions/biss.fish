@@ -83,9 +83,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subco
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
@@ -103,9 +103,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
@@ -118,9 +118,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
@@ -134,9 +134,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
@@ -150,9 +150,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
@@ -165,9 +165,9 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
@@ -182,9 +182,9 @@ complete -c biss -n "__fish_biss_using_subcommand command" -s c -l clock -d 'Fre
 complete -c biss -n "__fish_biss_using_subcommand command" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand command" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l slave -d 'For these slaves: ID 0 is the one farthest away' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -s o -l format -d 'How the record looks' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
@@ -198,9 +198,9 @@ complete -c biss -n "__fish_biss_using_subcommand info" -s c -l clock -d 'Freque
 complete -c biss -n "__fish_biss_using_subcommand info" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand info" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand info" -s q -l quiet -d 'No summary and no notes on stderr'

@@ -342,6 +342,9 @@ pub(crate) struct Info {
     #[command(flatten)]
     pub(crate) wire: Wire,
 
+    #[command(flatten)]
+    pub(crate) stubborn: Stubborn,
+
     /// Do not even select a bank: what is in others is left out
     #[arg(long)]
     pub(crate) no_write: bool,
@@ -465,7 +468,7 @@ pub(crate) enum ColorWhen {
     Never,
 }
 
-/// The way to an encoder that is talked to, for all commands that talk registers.
+/// The way to an encoder, for all commands but `read`.
 #[derive(Debug, Args)]
 pub(crate) struct Wire {
     /// Where the encoder is
@@ -488,10 +491,6 @@ pub(crate) struct Wire {
     #[arg(long, value_name = "TIME", default_value = "40us")]
     pub(crate) busy_limit: Nanos,
 
-    /// Control frames without progress that are repeated
-    #[arg(long, value_name = "N", default_value_t = RETRIES)]
-    pub(crate) retries: u32,
-
     /// Real-time priority (SCHED_FIFO), memory locked
     #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
     pub(crate) rt: Option<u8>,
@@ -507,6 +506,14 @@ pub(crate) struct Wire {
     /// Say how the link runs, and what it took
     #[arg(short, long)]
     pub(crate) verbose: bool,
+}
+
+/// How stubborn talking to registers is.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct Stubborn {
+    /// Control frames without progress that are repeated
+    #[arg(long, value_name = "N", default_value_t = RETRIES)]
+    pub(crate) retries: u32,
 }
 
 /// `--frame`.

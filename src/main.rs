@@ -32,9 +32,10 @@ fn main() -> ExitCode {
 
 fn run(matches: &ArgMatches) -> ExitCode {
     let command = cli::typed(matches).unwrap_or_else(|error| error.exit());
-    let frame_given = matches
-        .subcommand_matches("read")
-        .is_some_and(|read| read.value_source("frame") == Some(ValueSource::CommandLine));
+    let frame_given = matches.subcommand().is_some_and(|(_, typed)| {
+        let known = typed.try_contains_id("frame").is_ok();
+        known && typed.value_source("frame") == Some(ValueSource::CommandLine)
+    });
     let result = match command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),

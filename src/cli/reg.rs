@@ -1,6 +1,6 @@
 //! `biss reg` and `biss command` as clap sees them.
 
-use super::{ReportFormat, Wire};
+use super::{ReportFormat, Stubborn, Wire};
 use biss::ParseError;
 use biss::control::ADDRESSES;
 use clap::{Args, Subcommand};
@@ -81,6 +81,9 @@ Exit status:
 pub(crate) struct Reg {
     #[command(flatten)]
     pub(crate) wire: Wire,
+
+    #[command(flatten)]
+    pub(crate) stubborn: Stubborn,
 
     /// Whose registers: ID 0 is the slave farthest away [default: 0; load: the file's]
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(0..=7))]
@@ -164,6 +167,9 @@ pub(crate) enum RegVerb {
 pub(crate) struct Send {
     #[command(flatten)]
     pub(crate) wire: Wire,
+
+    #[command(flatten)]
+    pub(crate) stubborn: Stubborn,
 
     /// In binary, 00 01 10 11, or activate-data, deactivate-control; broadcast: deactivate-data, activate-control
     #[arg(value_name = "CODE")]

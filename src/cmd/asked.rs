@@ -4,7 +4,7 @@ use crate::cli::{self, Wanted};
 use crate::output::{Column, Look, Shape, choose, columns, note};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
-use biss::link::Kind;
+use biss::link::{Kind, Spec};
 use biss::preset::{Frame, Preset};
 use biss::unit::{Hertz, Nanos};
 
@@ -12,26 +12,26 @@ use biss::unit::{Hertz, Nanos};
 pub(super) const USUAL_CLOCK: Hertz = Hertz(1_000_000);
 
 /// `-f` beats the link's own `frame=`, that beats the environment, and a simulated slave has a format anyway.
-pub(super) fn choose_frame(args: &cli::Read, given: bool) -> Result<Wanted> {
-    let flag = args.frame.clone().filter(|_| given);
-    let chosen = flag
-        .or_else(|| args.link.frame.clone().map(Wanted::Given))
-        .or_else(|| args.frame.clone());
-    if let Some(frame) = chosen {
-        return Ok(frame);
-    }
-    match &args.link.kind {
-        Kind::Sim { config, .. } => Ok(Wanted::Given(Frame {
+///
+/// None where nobody has said it.
+pub(super) fn choose_frame(frame: Option<&Wanted>, link: &Spec, given: bool) -> Option<Wanted> {
+    let flag = frame.filter(|_| given).cloned();
+    let own = || match &link.kind {
+        Kind::Sim { config, .. } => Some(Wanted::Given(Frame {
             format: config.format.clone(),
             preset: None,
         })),
-        _ => bail!(
-            "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
-             its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
-             -f resolute-26 or another preset saves the trouble, and an encoder with registers may say it itself: -f auto"
-        ),
-    }
+        _ => None,
+    };
+    flag.or_else(|| link.frame.clone().map(Wanted::Given))
+        .or_else(|| frame.cloned())
+        .or_else(own)
 }
+
+/// What to do about that.
+pub(super) const NO_FRAME: &str = "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
+    its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
+    -f resolute-26 or another preset saves the trouble, and an encoder with registers may say it itself: -f auto";
 
 /// What has no meaning on a recording is a mistake, not something to be ignored.
 pub(super) fn check(args: &cli::Read) -> Result<()> {
@@ -107,17 +107,20 @@ pub(super) fn slower(preset: &Preset, asked: Option<Hertz>, reached: Hertz) -> O
 }
 
 /// What the user has not said, the preset may.
-pub(super) fn fill_in(args: &mut cli::Read, preset: &Preset) {
-    let kind = &args.link.kind;
+pub(super) fn fill_in(
+    link: &Spec,
+    clock: &mut Option<Hertz>,
+    timeout: &mut Option<cli::Timeout>,
+    preset: &Preset,
+) {
     if matches!(
-        kind,
+        link.kind,
         Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. }
     ) {
-        args.clock
-            .get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
+        clock.get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
     }
     let (stall, max) = preset.judged();
-    args.timeout.get_or_insert(cli::Timeout { stall, max });
+    timeout.get_or_insert(cli::Timeout { stall, max });
 }
 
 #[cfg(test)]

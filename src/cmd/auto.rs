@@ -1,12 +1,19 @@
 //! Who is on the line and what they send: the slaves' registers say, live frames decide.
 
 use super::session::{LOOKING, Session};
+use super::{Ended, Outcome};
+use crate::cli;
 use crate::output::info::Shape;
+use crate::output::note;
+use crate::sys::Signals;
+use anyhow::Result;
 use biss::format::Format;
 use biss::frame::BissC;
 use biss::identify::{self, Bus, Trial};
 use biss::identity::{self, Candidate, Known, Limit};
+use biss::link::Link;
 use biss::master::Master;
+use biss::preset::Frame;
 use biss::registers::{Registers, Trouble};
 
 /// What was found.
@@ -16,6 +23,56 @@ pub(super) struct Found {
     pub(super) candidates: Vec<Candidate>,
     /// What live frames said to each.
     pub(super) trials: Vec<Option<Trial>>,
+}
+
+/// What the slaves on a line send, and the line.
+pub(super) struct Answer {
+    pub(super) frame: Frame,
+    /// The slave of each channel.
+    pub(super) slaves: Vec<u8>,
+    pub(super) link: Box<dyn Link>,
+    pub(super) signals: Signals,
+}
+
+/// `-f auto`: asks the slaves what they send, and says why that is believed. No answer ends the command.
+///
+/// # Errors
+/// When the machine fails.
+pub(super) fn ask_frame(wire: &cli::Wire) -> Result<Result<Answer, Ended>> {
+    let mut session = Session::open(wire, biss::control::RETRIES)?;
+    let found = match Found::on(&mut session, true) {
+        Ok(found) => found,
+        Err((doing, trouble)) => return session.fail(doing, trouble).map(Err),
+    };
+    let index = match found.format() {
+        Ok(index) => index,
+        Err(unknown) => {
+            note(unknown.explain(&found.candidates));
+            return Ok(Err(session.end(Outcome::Bad)));
+        }
+    };
+    let candidate = &found.candidates[index];
+    if !wire.quiet {
+        let why = std::iter::once(candidate.reason.as_str());
+        let why: Vec<&str> = why.chain(found.doubts(index)).collect();
+        note(format_args!(
+            "-f {}\n  {}",
+            candidate.format,
+            why.join("\n  ")
+        ));
+    }
+    let frame = Frame {
+        format: candidate.format.clone(),
+        preset: None,
+    };
+    let slaves = candidate.slaves.clone();
+    let (link, signals) = session.into_parts();
+    Ok(Ok(Answer {
+        frame,
+        slaves,
+        link,
+        signals,
+    }))
 }
 
 /// Why no format was found.

@@ -22,7 +22,7 @@ pub(crate) fn run(args: cli::Send) -> Result<Ended> {
         checked: !args.broadcast && !args.unchecked,
         reduced: args.reduced,
     };
-    let mut session = Session::open(&args.wire)?;
+    let mut session = Session::open(&args.wire, args.stubborn.retries)?;
     let (ended, effort) = send(&mut session, access)?;
     let record = reg::Command {
         slaves: ids(slaves),

@@ -8,7 +8,7 @@ use crate::output::{info, note};
 use anyhow::Result;
 
 pub(crate) fn run(args: &cli::Info) -> Result<Ended> {
-    let mut session = Session::open(&args.wire)?;
+    let mut session = Session::open(&args.wire, args.stubborn.retries)?;
     let found = match Found::on(&mut session, !args.no_write) {
         Ok(found) => found,
         Err((doing, trouble)) => return session.fail(doing, trouble),

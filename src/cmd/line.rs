@@ -23,7 +23,19 @@ pub(super) struct Line<'a> {
     pub(super) busy_limit: Nanos,
 }
 
-impl Line<'_> {
+impl<'a> Line<'a> {
+    /// The one that was asked for, where a simulated slave may send `frame`.
+    pub(super) fn of(wire: &'a cli::Wire, frame: Option<&'a Frame>) -> Line<'a> {
+        Line {
+            link: &wire.link,
+            frame,
+            clock: wire.clock,
+            timeout: wire.timeout,
+            ack_limit: wire.ack_limit,
+            busy_limit: wire.busy_limit,
+        }
+    }
+
     /// Opens it. `flush` is called before a slow recording is waited for.
     pub(super) fn open(
         &self,

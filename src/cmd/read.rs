@@ -1,16 +1,15 @@
 //! `biss read`: frames, one after the other or one a slot.
 
-use super::asked::{check, choose_frame, fill_in, look, slower, warn_outside};
-use super::auto::Found;
+use super::asked::{NO_FRAME, check, choose_frame, fill_in, look, slower, warn_outside};
+use super::auto;
 use super::beside::Beside;
 use super::counting::Counting;
 use super::line::{self, Line};
-use super::session::Session;
 use super::{Ended, Outcome, schedule};
 use crate::cli::{self, Wanted};
 use crate::output::{Printer, Shot, Summary, note};
 use crate::sys::Signals;
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use biss::frame::{BissC, Stall};
 use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
@@ -23,7 +22,9 @@ use std::rc::Rc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
-    let wanted = choose_frame(&args, frame_given)?;
+    let Some(wanted) = choose_frame(args.frame.as_ref(), &args.link, frame_given) else {
+        bail!(NO_FRAME);
+    };
     check(&args)?;
     match wanted {
         Wanted::Given(frame) => run_given(args, frame),
@@ -36,7 +37,7 @@ fn run_given(mut args: cli::Read, frame: Frame) -> Result<Ended> {
     let plan = Plan::of(&args, frame, Vec::new())?;
     if let Some(preset) = plan.frame.preset {
         warn_outside(&args, preset);
-        fill_in(&mut args, preset);
+        fill_in(&args.link, &mut args.clock, &mut args.timeout, preset);
     }
     schedule(args.cpu, args.rt)?;
     let signals = Signals::catch().map_err(|e| {
@@ -69,41 +70,17 @@ fn run_auto(args: &cli::Read) -> Result<Ended> {
         timeout: args.timeout,
         ack_limit: args.ack_limit,
         busy_limit: args.busy_limit,
-        retries: biss::control::RETRIES,
         rt: args.rt,
         cpu: args.cpu,
         quiet: args.quiet,
         verbose: false,
     };
-    let mut session = Session::open(&wire)?;
-    let found = match Found::on(&mut session, true) {
-        Ok(found) => found,
-        Err((doing, trouble)) => return session.fail(doing, trouble),
+    let answer = match auto::ask_frame(&wire)? {
+        Ok(answer) => answer,
+        Err(ended) => return Ok(ended),
     };
-    let index = match found.format() {
-        Ok(index) => index,
-        Err(unknown) => {
-            note(unknown.explain(&found.candidates));
-            return Ok(session.end(Outcome::Bad));
-        }
-    };
-    let candidate = &found.candidates[index];
-    if !args.quiet {
-        let why = std::iter::once(candidate.reason.as_str());
-        let why: Vec<&str> = why.chain(found.doubts(index)).collect();
-        note(format_args!(
-            "-f {}\n  {}",
-            candidate.format,
-            why.join("\n  ")
-        ));
-    }
-    let frame = Frame {
-        format: candidate.format.clone(),
-        preset: None,
-    };
-    let plan = Plan::of(args, frame, candidate.slaves.clone())?;
-    let (link, signals) = session.into_parts();
-    plan.run(args, link, signals)
+    let plan = Plan::of(args, answer.frame, answer.slaves)?;
+    plan.run(args, answer.link, answer.signals)
 }
 
 fn line<'a>(args: &'a cli::Read, frame: Option<&'a Frame>) -> Line<'a> {

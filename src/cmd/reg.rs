@@ -175,7 +175,7 @@ pub(super) fn work_on(
     asked: &[Asked],
     work: impl FnOnce(&mut Talk) -> Result<bool, Halt>,
 ) -> Result<Ended> {
-    let mut session = Session::open(&args.wire)?;
+    let mut session = Session::open(&args.wire, args.stubborn.retries)?;
     let (told, effort, result) = run_work(&mut session, args, slave, work);
     let told = completed(told, args, slave, asked, &result);
     let quiet = args.wire.quiet;

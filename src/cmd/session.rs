@@ -21,6 +21,8 @@ use std::time::{Duration, Instant};
 /// known.
 pub(super) struct Session<'w> {
     wire: &'w cli::Wire,
+    /// Of control frames.
+    retries: u32,
     signals: Signals,
     hold: Hold,
     stop: Box<dyn Fn() -> bool>,
@@ -33,25 +35,19 @@ impl Session<'_> {
     ///
     /// # Errors
     /// When the machine fails, or nothing can be sent over such a link.
-    pub(super) fn open(wire: &cli::Wire) -> Result<Session<'_>> {
+    pub(super) fn open(wire: &cli::Wire, retries: u32) -> Result<Session<'_>> {
         can_send(&wire.link)?;
         schedule(wire.cpu, wire.rt)?;
         let signals = Signals::catch().map_err(|e| {
             anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
         })?;
-        let line = Line {
-            link: &wire.link,
-            frame: None,
-            clock: wire.clock,
-            timeout: wire.timeout,
-            ack_limit: wire.ack_limit,
-            busy_limit: wire.busy_limit,
-        };
+        let line = Line::of(wire, None);
         let link = line.open(&signals, || {})?;
         let hold = Hold::default();
         let (caught, held) = (signals.watch(), hold.clone());
         Ok(Session {
             wire,
+            retries,
             signals,
             hold,
             stop: Box::new(move || caught() && !held.bears()),
@@ -71,7 +67,7 @@ impl Session<'_> {
         /// One bad frame, where it is the last one, is no absent encoder.
         const ATTEMPTS: u32 = 4;
         let mut master = Master::new(self.link.as_mut(), &self.protocol, None);
-        master.set_access_retries(self.wire.retries);
+        master.set_access_retries(self.retries);
         master.stop_when(&self.stop);
         for _ in 0..ATTEMPTS {
             let answers = master.open()?;
