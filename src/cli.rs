@@ -17,6 +17,7 @@ use std::str::FromStr;
 #[derive(Debug)]
 pub(crate) enum Command {
     Read(Box<Read>),
+    Scope(Box<Scope>),
     Reg(Box<Reg>),
     Send(Box<Send>),
     Info(Box<Info>),
@@ -35,7 +36,7 @@ struct Verb {
     parse: fn(&ArgMatches) -> Result<Command, clap::Error>,
 }
 
-const VERBS: [Verb; 6] = [
+const VERBS: [Verb; 7] = [
     Verb {
         name: "read",
         about: "Read frames and print them, one record a line",
@@ -43,6 +44,14 @@ const VERBS: [Verb; 6] = [
         after_help: READ_HELP,
         takes: takes::<Read>,
         parse: |typed| parse(typed, Command::Read),
+    },
+    Verb {
+        name: "scope",
+        about: "Draw cycles as a data sheet does: both wires, and what each bit of them is",
+        before_help: "",
+        after_help: scope::SCOPE_HELP,
+        takes: takes::<Scope>,
+        parse: |typed| parse(typed, Command::Scope),
     },
     Verb {
         name: "reg",
@@ -573,6 +582,8 @@ impl FromStr for Timeout {
     }
 }
 
+mod scope;
+pub(crate) use scope::Scope;
 mod reg;
 pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
 

@@ -13,6 +13,7 @@ pub(crate) mod loopback;
 pub(crate) mod read;
 pub(crate) mod reg;
 mod saved;
+pub(crate) mod scope;
 mod session;
 mod talk;
 

@@ -44,6 +44,7 @@
 pub mod control;
 pub mod crc;
 pub mod cycle;
+pub mod diagram;
 pub mod format;
 pub mod frame;
 pub mod identify;

@@ -38,6 +38,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
     });
     let result = match command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
+        cli::Command::Scope(args) => cmd::scope::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),
         cli::Command::Reg(args) => cmd::reg::run(*args),
         cli::Command::Send(args) => cmd::command::run(*args),

@@ -6,6 +6,7 @@ mod json;
 pub(crate) mod list;
 pub(crate) mod loopback;
 pub(crate) mod reg;
+pub(crate) mod scope;
 mod summary;
 mod text;
 
@@ -115,14 +116,7 @@ const FLUSH_EVERY: Duration = Duration::from_millis(50);
 impl Printer {
     /// For records of one look.
     pub(crate) fn new(look: Look, style: TimeStyle, color: ColorWhen, verbose: bool) -> Printer {
-        let color = matches!(look, Look::Text)
-            && match color {
-                ColorWhen::Always => true,
-                ColorWhen::Never => false,
-                ColorWhen::Auto => {
-                    anstream::AutoStream::choice(&io::stdout()) != anstream::ColorChoice::Never
-                }
-            };
+        let color = matches!(look, Look::Text) && colored(color);
         Printer {
             out: io::BufWriter::with_capacity(1 << 16, io::stdout()),
             line: Vec::with_capacity(1 << 12),
@@ -157,26 +151,8 @@ impl Printer {
     /// One record a channel, or one for a cycle that is a fault as a whole.
     pub(crate) fn shot(&mut self, shot: &Shot) -> io::Result<()> {
         let time = self.stamp.next(shot.t_ns);
-        let several = shot.format.channels().len() > 1;
-        if shot.cycle.fault().is_some() {
-            self.record(&Record {
-                shot,
-                time,
-                ch: None,
-                verbose: self.verbose,
-            })?;
-        }
-        for (ch, _) in shot.cycle.words().iter().enumerate() {
-            let ch = Place {
-                index: ch,
-                shown: several,
-            };
-            self.record(&Record {
-                shot,
-                time,
-                ch: Some(ch),
-                verbose: self.verbose,
-            })?;
+        for record in Record::all(shot, time, self.verbose) {
+            self.record(&record)?;
         }
         self.flush_in_time()
     }
@@ -233,6 +209,17 @@ impl Stamp {
     }
 }
 
+/// Whether what goes to stdout has colours.
+fn colored(when: ColorWhen) -> bool {
+    match when {
+        ColorWhen::Always => true,
+        ColorWhen::Never => false,
+        ColorWhen::Auto => {
+            anstream::AutoStream::choice(&io::stdout()) != anstream::ColorChoice::Never
+        }
+    }
+}
+
 fn utf8_locale() -> bool {
     let set = |name| std::env::var(name).ok().filter(|value| !value.is_empty());
     let locale = set("LC_ALL")
@@ -279,6 +266,24 @@ impl Good<'_> {
 }
 
 impl<'a> Record<'a> {
+    /// One a channel, or one for a cycle that is a fault as a whole.
+    fn all(shot: &'a Shot<'a>, time: Time, verbose: bool) -> impl Iterator<Item = Record<'a>> {
+        let several = shot.format.channels().len() > 1;
+        let whole = shot.cycle.fault().map(|_| None);
+        let words = (0..shot.cycle.words().len()).map(move |index| {
+            Some(Place {
+                index,
+                shown: several,
+            })
+        });
+        whole.into_iter().chain(words).map(move |ch| Record {
+            shot,
+            time,
+            ch,
+            verbose,
+        })
+    }
+
     fn channel(&self) -> Option<(&'a Channel, Word)> {
         let place = self.ch?;
         let channel = self.shot.format.channels().get(place.index)?;

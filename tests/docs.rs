@@ -278,7 +278,12 @@ fn console_blocks_show_what_happens() {
     assert!(jq || !all, "jq is not installed");
     let bless = std::env::var_os("BISS_BLESS").is_some();
     let blocks = blocks_tagged("console");
-    for page in ["README.md", "docs/output.md", "docs/registers.md"] {
+    for page in [
+        "README.md",
+        "docs/output.md",
+        "docs/registers.md",
+        "docs/scope.md",
+    ] {
         let shows = blocks.iter().any(|block| block.page == page);
         assert!(shows, "{page} has no console block");
     }
@@ -330,7 +335,7 @@ fn words(command: &str) -> Vec<String> {
 type Check = fn(&str) -> Result<(), String>;
 
 /// Options that take a value.
-const VALUED: [(&str, Check); 18] = [
+const VALUED: [(&str, Check); 22] = [
     ("-f --frame", |v| parses::<Frame>(v)),
     ("-c --clock", |v| parses::<Hertz>(v)),
     ("-i --interval", |v| parses::<Nanos>(v)),
@@ -343,6 +348,15 @@ const VALUED: [(&str, Check); 18] = [
     }),
     ("-n --count", |v| parses::<u64>(v)),
     ("--retries", |v| parses::<u32>(v)),
+    ("--skip --seq --within", |v| parses::<u64>(v)),
+    ("--at", |v| parses::<Nanos>(v)),
+    ("--width", |v| parses::<u16>(v)),
+    ("-w --write", |v| {
+        match v.starts_with("--") || v.is_empty() {
+            true => Err("a file".into()),
+            false => Ok(()),
+        }
+    }),
     ("--rt", |v| parses::<u8>(v)),
     ("--cpu", |v| parses::<usize>(v)),
     ("-o --format", |v| one_of(v, &["text", "json", "csv"])),
@@ -672,6 +686,10 @@ fn the_checks_refuse() {
         ("biss read spi:0.0 -i 5", false),
         ("biss read spi:0.0 --rate 5", false),
         ("biss read", false),
+        ("biss scope spi:0.0 -f st8 --fault --within 5", true),
+        ("biss scope spi:0.0 -f st8 --within", false),
+        ("biss scope spi:0.0 -w x.svg --at 5us", true),
+        ("biss scope spi:0.0 --at 5", false),
         ("biss list", true),
         ("biss list -v -o json", true),
         ("biss list spi:0.0", false),

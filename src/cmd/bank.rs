@@ -111,7 +111,7 @@ fn identity(talk: &mut Talk) -> Result<Option<Identity>, Trouble> {
 }
 
 /// Puts a file in the place of what is there at once, so that nobody ever sees half of it.
-fn store(path: &Path, text: &str) -> Result<()> {
+pub(super) fn store(path: &Path, text: &str) -> Result<()> {
     let said = |e: io::Error| {
         anyhow!(
             "writing {}: {e}\n  is there room, and may you write there?",
