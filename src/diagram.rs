@@ -13,6 +13,7 @@ pub use axis::Axis;
 use crate::cycle::{Cycle, Fault};
 use crate::format::Format;
 use crate::trace::Trace;
+use crate::waveform::Change;
 
 /// A change of a wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,17 +149,17 @@ pub struct Diagram {
 }
 
 impl Diagram {
-    /// What there is to see of a cycle whose trace has kept its waveform. `after` is the next cycle's: it begins with what
-    /// the wires did when this one was over. Without a format what follows CDS is bits.
+    /// What there is to see of a cycle whose trace has kept its waveform. `behind` is what the wires did when it was over.
+    /// Without a format what follows CDS is bits.
     ///
     /// `None` where there is nothing: MA never moved, or nobody has kept it.
     pub fn of(
         trace: &Trace,
         cycle: &Cycle,
         format: Option<&Format>,
-        after: Option<&Trace>,
+        behind: &[Change],
     ) -> Option<Diagram> {
-        annotate::diagram(trace, cycle, format, after)
+        annotate::diagram(trace, cycle, format, behind)
     }
 
     /// From the second rising edge to SL falling, by the waveform alone: for links that see every change as it happens, and
@@ -170,6 +171,18 @@ impl Diagram {
     /// Where the drawing begins.
     pub fn begin_ns(&self) -> u64 {
         self.ma.first().map_or(0, |step| step.t_ns)
+    }
+
+    /// Whether it is in one of the clocks that are left out.
+    fn hides(&self, t_ns: u64) -> bool {
+        let mut cuts = self.axis.cuts().iter().filter(|cut| cut.clocks);
+        cuts.any(|cut| t_ns > cut.from_ns && t_ns < cut.until_ns)
+    }
+
+    /// Whether that holds for all of a bit.
+    fn hides_bit(&self, cell: &Cell) -> bool {
+        let mut cuts = self.axis.cuts().iter().filter(|cut| cut.clocks);
+        cuts.any(|cut| (cut.from_ns..cut.until_ns).contains(&cell.from_ns))
     }
 
     /// Whether bits are seen a clock or more after the edge that set them, so that both want numbers.

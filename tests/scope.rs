@@ -8,10 +8,12 @@ use biss::diagram::text::{Style, draw};
 use biss::diagram::{Diagram, Lane, Span, Tone, svg};
 use biss::format::{Format, Kind};
 use biss::frame::BissC;
-use biss::link::{Link, sim};
+use biss::link::bitbang::{Bang, Pins};
+use biss::link::sim::{Controller, SimBus, SimPins};
+use biss::link::wave::{Options, Wave};
+use biss::link::{Error, Link, sim};
 use biss::master::{Master, Slot};
 use biss::slave::Config;
-use biss::trace::Trace;
 use biss::unit::Hertz;
 use common::{biss, run, texts};
 use fastrand::Rng;
@@ -19,29 +21,74 @@ use roxmltree::{Document, Node};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Cycles of a simulated encoder, each with what came behind it.
-fn cycles(config: &str, format: &Format, hz: u32, n: usize) -> Vec<(Trace, Cycle)> {
+/// How SLO is seen.
+#[derive(Clone, Copy, Debug)]
+enum Eye {
+    /// When it changes.
+    All,
+    /// Where a bit is sampled, as pins do.
+    Pins,
+    /// Several times a clock.
+    Samples,
+}
+
+/// Pins that are read when they are asked for, and take their time.
+struct Plain(SimPins);
+
+impl Pins for Plain {
+    fn ma(&mut self, high: bool) -> Result<(), Error> {
+        self.0.ma(high)?;
+        self.0.until(self.0.now_ns() + 60);
+        Ok(())
+    }
+    fn sl(&mut self) -> Result<bool, Error> {
+        let level = self.0.sl();
+        self.0.until(self.0.now_ns() + 40);
+        level
+    }
+    fn now_ns(&self) -> u64 {
+        self.0.now_ns()
+    }
+    fn until(&mut self, ns: u64) {
+        self.0.until(ns);
+    }
+    fn cost_ns(&self) -> (u64, u64) {
+        (60, 40)
+    }
+    fn virtual_time(&self) -> bool {
+        true
+    }
+}
+
+/// A cycle of a simulated encoder, and what is drawn of it.
+fn diagram_by(eye: Eye, config: &str, format: &Format, hz: u32) -> (Diagram, Cycle) {
     let config: Config = config.parse().unwrap_or_else(|e| panic!("{config}: {e}"));
-    let mut link = sim::open(config);
+    let mut link: Box<dyn Link> = match eye {
+        Eye::All => Box::new(sim::open(config)),
+        Eye::Pins => Box::new(Bang::new(Plain(SimPins::new(config)))),
+        Eye::Samples => {
+            let bus = SimBus::new(config, Controller::default());
+            Box::new(Wave::new(bus, Options::default(), None).unwrap())
+        }
+    };
     link.set_clock(Hertz(hz)).unwrap();
     let protocol = BissC::new(format.clone());
-    let mut master = Master::new(&mut link, &protocol, Some(0));
+    let mut master = Master::new(link.as_mut(), &protocol, Some(0));
     master.open().unwrap();
     master.keep_waveform();
-    let mut all = Vec::new();
-    for _ in 0..n {
+    let mut slot = || {
         let at_ns = master.link().now_ns() + 100_000;
         assert!(matches!(master.slot(at_ns, None), Ok(Slot::Done { .. })));
-        all.push((master.trace().clone(), master.cycle().clone()));
-    }
-    all
+        (master.trace().clone(), master.cycle().clone())
+    };
+    let ((trace, cycle), (behind, _)) = (slot(), slot());
+    let behind = &behind.wave.unwrap().changes;
+    let drawn = Diagram::of(&trace, &cycle, Some(format), behind);
+    (drawn.expect("there is a waveform"), cycle)
 }
 
 fn diagram(config: &str, format: &Format, hz: u32) -> (Diagram, Cycle) {
-    let all = cycles(config, format, hz, 2);
-    let (trace, cycle) = &all[0];
-    let drawn = Diagram::of(trace, cycle, Some(format), Some(&all[1].0));
-    (drawn.expect("there is a waveform"), cycle.clone())
+    diagram_by(Eye::All, config, format, hz)
 }
 
 fn lines(diagram: &Diagram, width: usize, unicode: bool) -> Vec<String> {
@@ -68,7 +115,7 @@ fn fields(diagram: &Diagram) -> impl Iterator<Item = &Span> {
 }
 
 /// A frame of any format, from a line of any kind, as the options of `sim`.
-fn any(rng: &mut Rng) -> (String, Format, u32) {
+fn any(rng: &mut Rng) -> (Eye, String, Format, u32) {
     let format = common::format(rng);
     let mut config = vec![format!("seed={}", rng.u64(..1000))];
     if rng.u8(..3) == 0 {
@@ -85,7 +132,8 @@ fn any(rng: &mut Rng) -> (String, Format, u32) {
     let hz = *rng
         .choice(&[250_000, 1_000_000, 2_000_000, 10_000_000])
         .unwrap();
-    (config.join(","), format.parse().unwrap(), hz)
+    let eye = *rng.choice(&[Eye::All, Eye::Pins, Eye::Samples]).unwrap();
+    (eye, config.join(","), format.parse().unwrap(), hz)
 }
 
 #[test]
@@ -93,15 +141,15 @@ fn every_field_is_named_once_with_its_value() {
     let mut rng = common::rng();
     let mut good = 0;
     for _ in 0..common::size(60) {
-        let (config, format, hz) = any(&mut rng);
-        let (diagram, cycle) = diagram(&config, &format, hz);
+        let (eye, config, format, hz) = any(&mut rng);
+        let (diagram, cycle) = diagram_by(eye, &config, &format, hz);
         if !cycle.is_good() {
             continue;
         }
         good += 1;
         let width = rng.usize(60..400);
         let lines = lines(&diagram, width, rng.bool());
-        let place = format!("{config} {hz} {width}\n{}", lines.join("\n"));
+        let place = format!("{eye:?} {config} {hz} {width}\n{}", lines.join("\n"));
         let words = words(&lines);
         for span in fields(&diagram).filter(|span| span.name != "surplus") {
             let name = span.name.as_str();
@@ -171,8 +219,8 @@ fn no_width_is_exceeded_and_none_is_too_small() {
     ];
     for round in 0..common::size(8) {
         let fault = faults[round % faults.len()];
-        let (config, format, hz) = any(&mut rng);
-        let (diagram, _) = diagram(&format!("{fault},{config}"), &format, hz);
+        let (eye, config, format, hz) = any(&mut rng);
+        let (diagram, _) = diagram_by(eye, &format!("{fault},{config}"), &format, hz);
         // All small ones, and some of the others.
         for width in (1..60).chain((60..=400).step_by(17)) {
             for unicode in [false, true] {
@@ -359,9 +407,9 @@ fn any_svg_is_well_formed_and_nothing_covers_anything() {
     ];
     for round in 0..common::size(60) {
         let fault = faults[round % faults.len()];
-        let (config, format, hz) = any(&mut rng);
-        let place = format!("{fault},{config} {hz}");
-        let (diagram, _) = diagram(&format!("{fault},{config}"), &format, hz);
+        let (eye, config, format, hz) = any(&mut rng);
+        let place = format!("{eye:?} {fault},{config} {hz}");
+        let (diagram, _) = diagram_by(eye, &format!("{fault},{config}"), &format, hz);
         let heading = vec![
             ("cycle 0 <&\">".to_owned(), Tone::Plain),
             (diagram.facts.join(", "), Tone::Bad),
@@ -520,6 +568,14 @@ fn a_fault_is_found_and_drawn() {
     let (stdout, _, status) = run("scope sim:crc-error=10% --fault");
     assert!(stdout.contains("crc: got 0x"), "{stdout}");
     assert_eq!(status, Some(1));
+}
+
+/// After a doubtful frame others are run in the same slot: none of them is what came right behind the one that is drawn.
+#[test]
+fn the_timeout_ends_where_the_cycle_ends() {
+    let (stdout, ..) = run("scope sim:busy=0us..30us,timeout=20us,frame=st8,crc6 --fault");
+    assert!(stdout.contains("mismatch: start bit at clock"), "{stdout}");
+    assert!(stdout.contains(", timeout 20 µs,"), "{stdout}");
 }
 
 #[test]

@@ -11,10 +11,14 @@ use biss::cycle::Cycle;
 use biss::diagram::Diagram;
 use biss::format::Format;
 use biss::frame::BissC;
+use biss::link::tap::Tap;
 use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
 use biss::protocol::{Ability, Protocol};
 use biss::trace::{Clocks, Cut, Trace};
+use biss::waveform::Change;
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Longer than the longest timeout and line delay.
 const VIRTUAL_REST_NS: u64 = 100_000;
@@ -113,7 +117,7 @@ impl Protocol for Unknown {
 fn draw(
     args: &cli::Scope,
     format: Option<Format>,
-    mut link: Box<dyn Link>,
+    link: Box<dyn Link>,
     signals: &Signals,
 ) -> Result<Ended> {
     let line = Line::of(&args.wire, None);
@@ -122,12 +126,15 @@ fn draw(
         None => Box::new(Unknown::new(line.protocol(Format::default()))),
     };
     let stop = signals.watch();
-    let mut master = Master::new(link.as_mut(), protocol.as_ref(), Some(0));
+    // A slot may take several cycles: what comes behind one is seen by none of them alone.
+    let tap = Rc::new(RefCell::new(Tap::new(link)));
+    let mut tapped = Rc::clone(&tap);
+    let mut master = Master::new(&mut tapped, protocol.as_ref(), Some(0));
     master.stop_when(&stop);
     master.open()?;
     say_how(args, &master);
-    master.keep_waveform();
-    let mut found = Search::new(args, format.as_ref());
+    tap.borrow_mut().begin()?;
+    let mut found = Search::new(args, format.as_ref(), &tap);
     let result = found.run(&mut master, &stop);
     // What came before the damage of a recording is drawn all the same.
     let sheet = scope::Sheet {
@@ -187,6 +194,7 @@ struct Pending {
 struct Search<'a> {
     args: &'a cli::Scope,
     format: Option<&'a Format>,
+    tap: &'a RefCell<Tap>,
     pictures: Vec<scope::Picture>,
     pending: Option<Pending>,
     /// What a recording has where it has no whole cycle.
@@ -201,10 +209,11 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(args: &'a cli::Scope, format: Option<&'a Format>) -> Search<'a> {
+    fn new(args: &'a cli::Scope, format: Option<&'a Format>, tap: &'a RefCell<Tap>) -> Search<'a> {
         Search {
             args,
             format,
+            tap,
             pictures: Vec::new(),
             pending: None,
             piece: None,
@@ -232,30 +241,35 @@ impl<'a> Search<'a> {
                 _ => 0,
             };
             let slot = master.slot(master.link().now_ns() + rest_ns, None);
+            let mut seen: Vec<Change> = self.tap.borrow_mut().take().collect();
+            if !master.link().caps().sees_idle {
+                // It saw SL = 1 with the next cycle, and not when it came.
+                seen.clear();
+            }
             if stop() && !live {
-                self.settle(None);
+                self.settle(&seen);
                 return Ok(());
             }
             let slot = match slot {
                 Ok(slot) => slot,
                 Err(error) => {
-                    self.settle(None);
+                    self.settle(&seen);
                     return Err(error.into());
                 }
             };
             match slot {
                 Slot::Ended => {
                     self.ended = true;
-                    self.settle(None);
+                    self.settle(&seen);
                     if self.seen == 0 {
                         self.pending = self.piece.take();
-                        self.settle(None);
+                        self.settle(&[]);
                     }
                     return Ok(());
                 }
                 // What it begins with is what came behind the one before.
                 Slot::Piece(cut) => {
-                    self.settle(Some(master.trace()));
+                    self.settle(&seen);
                     self.piece.get_or_insert_with(|| Pending {
                         trace: master.trace().clone(),
                         cycle: master.cycle().clone(),
@@ -264,15 +278,15 @@ impl<'a> Search<'a> {
                     });
                 }
                 Slot::Done { .. } => {
-                    self.settle(Some(master.trace()));
+                    self.settle(&seen);
                     if self.chosen == self.args.count {
                         return Ok(());
                     }
                     self.look(master);
                 }
             }
-            if self.pending.is_none() && self.chosen == self.args.count || stop() && live {
-                self.settle(None);
+            if stop() {
+                self.settle(&[]);
                 return Ok(());
             }
         }
@@ -289,7 +303,10 @@ impl<'a> Search<'a> {
         let first_ns = *self.first_ns.get_or_insert(trace.t_ns);
         let seq = self.seen;
         self.seen += 1;
-        let early = self.args.at.is_some_and(|at| trace.t_ns - first_ns < at.0);
+        let early = self
+            .args
+            .at
+            .is_some_and(|at| trace.t_ns.saturating_sub(first_ns) < at.0);
         let passed = self.args.fault && cycle.is_good();
         if self.chosen == 0 && (seq < self.args.skip || early || passed) {
             return;
@@ -313,7 +330,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn settle(&mut self, after: Option<&Trace>) {
+    fn settle(&mut self, behind: &[Change]) {
         let Some(Pending {
             mut trace,
             cycle,
@@ -328,7 +345,7 @@ impl<'a> Search<'a> {
         if exact && trace.delay_ns.is_none() {
             trace.delay_ns = Diagram::line_delay_ns(&trace, &cycle);
         }
-        let diagram = Diagram::of(&trace, &cycle, self.format, after);
+        let diagram = Diagram::of(&trace, &cycle, self.format, behind);
         let since_ns = trace.t_ns - self.first_ns.unwrap_or(0).min(trace.t_ns);
         self.pictures.push(scope::Picture {
             trace,

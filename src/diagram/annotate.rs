@@ -21,9 +21,9 @@ pub(super) fn diagram(
     trace: &Trace,
     cycle: &Cycle,
     format: Option<&Format>,
-    after: Option<&Trace>,
+    behind: &[Change],
 ) -> Option<Diagram> {
-    let wires = Wires::of(trace, cycle, after)?;
+    let wires = Wires::of(trace, cycle, behind)?;
     let cells = wires.cells(trace, cycle);
     let mut notes = Notes {
         trace,
@@ -107,9 +107,11 @@ pub(super) fn line_delay(trace: &Trace, cycle: &Cycle) -> Option<u64> {
 }
 
 impl Wires {
-    fn of(trace: &Trace, cycle: &Cycle, after: Option<&Trace>) -> Option<Wires> {
+    fn of(trace: &Trace, cycle: &Cycle, behind: &[Change]) -> Option<Wires> {
         let own = &trace.wave.as_ref()?.changes;
-        let mut all: Vec<Change> = own.iter().chain(behind(own, after)).copied().collect();
+        let over_ns = own.last().map_or(0, |last| last.t_ns);
+        let later = behind.iter().filter(|change| change.t_ns >= over_ns);
+        let mut all: Vec<Change> = own.iter().chain(later.take(MOST_BEHIND)).copied().collect();
         if own.is_empty() {
             // Nothing has changed.
             let rest = Change {
@@ -145,8 +147,9 @@ impl Wires {
             .then(|| edges.last().copied())
             .flatten();
         // What the next cycle begins with is none of this one's.
-        let over_ns = after
-            .map_or(u64::MAX, |after| after.t_ns)
+        let next = moves(&all).find(|step| step.t_ns > over_ns && !step.level);
+        let over_ns = next
+            .map_or(u64::MAX, |next| next.t_ns)
             .min(full.unwrap_or(u64::MAX));
         let mut slo = None;
         let last_ns = all.iter().filter(|change| {
@@ -233,16 +236,6 @@ fn note<L: PartialEq>(steps: &mut Vec<Step<L>>, t_ns: u64, level: L) {
     if steps.last().is_some_and(|last| last.level != level) {
         steps.push(Step { t_ns, level });
     }
-}
-
-/// What the wires did when the cycle was over.
-fn behind<'a>(own: &[Change], after: Option<&'a Trace>) -> impl Iterator<Item = &'a Change> {
-    let end = own.last().map_or(0, |last| last.t_ns);
-    let wave = after.and_then(|after| after.wave.as_ref());
-    let changes = wave.into_iter().flat_map(|wave| &wave.changes);
-    changes
-        .filter(move |change| change.t_ns >= end)
-        .take(MOST_BEHIND)
 }
 
 /// The changes of MA, which is high before the first one.

@@ -136,7 +136,7 @@ impl Row {
 fn rows(diagram: &Diagram) -> Vec<Row> {
     let (begin, end) = (diagram.begin_ns(), diagram.end_ns);
     let at = |t_ns| diagram.axis.at(t_ns);
-    let hidden = |t_ns: u64| hides(diagram, t_ns);
+    let hidden = |t_ns: u64| diagram.hides(t_ns);
     let mut rows = Vec::new();
     let mut from_ns = begin;
     loop {
@@ -162,12 +162,6 @@ fn rows(diagram: &Diagram) -> Vec<Row> {
         }
         from_ns = until_ns;
     }
-}
-
-/// Whether it is one of the clocks that are left out.
-fn hides(diagram: &Diagram, t_ns: u64) -> bool {
-    let mut cuts = diagram.axis.cuts().iter().filter(|cut| cut.clocks);
-    cuts.any(|cut| t_ns > cut.from_ns && t_ns < cut.until_ns)
 }
 
 /// Where a level is drawn.
@@ -301,12 +295,7 @@ impl Pen<'_> {
 
     fn shows(&self, t_ns: u64) -> bool {
         let place = self.at(t_ns);
-        place >= self.row.from && place < self.row.until && !hides(self.diagram, t_ns)
-    }
-
-    fn hides_bit(&self, cell: &Cell) -> bool {
-        let mut cuts = self.diagram.axis.cuts().iter().filter(|cut| cut.clocks);
-        cuts.any(|cut| (cut.from_ns..cut.until_ns).contains(&cell.from_ns))
+        place >= self.row.from && place < self.row.until && !self.diagram.hides(t_ns)
     }
 
     fn draw(&mut self) {
@@ -350,7 +339,7 @@ impl Pen<'_> {
     /// MA without the clocks that are left out.
     fn ma(&self) -> Vec<Step<Option<bool>>> {
         let steps = self.diagram.ma.iter();
-        let shown = steps.filter(|step| !hides(self.diagram, step.t_ns));
+        let shown = steps.filter(|step| !self.diagram.hides(step.t_ns));
         let level = |step: &Step<bool>| Step {
             t_ns: step.t_ns,
             level: Some(step.level),
@@ -470,7 +459,7 @@ impl Pen<'_> {
         for cell in cells {
             let (from, until) = (self.at(cell.from_ns), self.at(cell.until_ns));
             let middle = (from + until) / 2.0;
-            if self.hides_bit(&cell) || middle < self.row.from || middle >= self.row.until {
+            if self.diagram.hides_bit(&cell) || middle < self.row.from || middle >= self.row.until {
                 continue;
             }
             let x = self.row.x(middle);

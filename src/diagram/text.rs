@@ -138,7 +138,8 @@ impl Columns {
         let mut knots = vec![(begin, 0)];
         let mut last = (axis.at(begin), 0usize);
         // A clock has whole columns, so that all look alike; what is between its edges finds its place there.
-        for edge in diagram.edges.iter().copied().filter(|t_ns| *t_ns > begin) {
+        let shown = |t_ns: &u64| *t_ns > begin && !diagram.hides(*t_ns);
+        for edge in diagram.edges.iter().copied().filter(shown) {
             let place = axis.at(edge);
             if place <= last.0 {
                 continue;
@@ -167,6 +168,7 @@ impl Columns {
     /// Gives falling edges columns of their own.
     fn part_falls(&mut self, diagram: &Diagram) {
         let falls = diagram.ma.iter().skip(1).map(|step| step.t_ns);
+        let falls = falls.filter(|t_ns| !diagram.hides(*t_ns));
         let new: Vec<(u64, usize)> = falls
             .filter_map(|t_ns| {
                 let behind = self.knots.partition_point(|(knot, _)| *knot <= t_ns);
@@ -338,21 +340,10 @@ impl Pen<'_> {
     fn numbers(&mut self, row: &Row) {
         let edges = self.diagram.edges.iter().enumerate();
         let at: Vec<(usize, usize)> = edges
-            .filter(|(_, t_ns)| !self.hides(**t_ns))
+            .filter(|(_, t_ns)| !self.diagram.hides(**t_ns))
             .map(|(index, t_ns)| (index + 1, self.at(*t_ns)))
             .collect();
         self.number("edge", row, &at, self.diagram.edges.len());
-    }
-
-    /// Whether it is one of the clocks that are left out.
-    fn hides(&self, t_ns: u64) -> bool {
-        let mut cuts = self.diagram.axis.cuts().iter().filter(|cut| cut.clocks);
-        cuts.any(|cut| t_ns > cut.from_ns && t_ns < cut.until_ns)
-    }
-
-    fn hides_bit(&self, cell: &super::Cell) -> bool {
-        let mut cuts = self.diagram.axis.cuts().iter().filter(|cut| cut.clocks);
-        cuts.any(|cut| (cut.from_ns..cut.until_ns).contains(&cell.from_ns))
     }
 
     fn number(&mut self, name: &str, row: &Row, at: &[(usize, usize)], most: usize) {
@@ -386,7 +377,7 @@ impl Pen<'_> {
         }
         let cells = self.diagram.cells.iter();
         let at: Vec<(usize, usize)> = cells
-            .filter(|cell| !self.hides_bit(cell))
+            .filter(|cell| !self.diagram.hides_bit(cell))
             .filter_map(|cell| {
                 let (from, until) = (self.at(cell.from_ns), self.at(cell.until_ns));
                 let digits = cell.edge?.to_string().len();
@@ -413,7 +404,7 @@ impl Pen<'_> {
             .diagram
             .ma
             .iter()
-            .filter(|step| !self.hides(step.t_ns))
+            .filter(|step| !self.diagram.hides(step.t_ns))
             .map(|step| Step {
                 t_ns: step.t_ns,
                 level: Some(step.level),
@@ -435,7 +426,7 @@ impl Pen<'_> {
             .diagram
             .cells
             .iter()
-            .filter(|cell| !self.hides_bit(cell))
+            .filter(|cell| !self.diagram.hides_bit(cell))
         {
             if cell.sample_ns.is_some() {
                 let column = self.sample(cell);
@@ -539,7 +530,7 @@ impl Pen<'_> {
             .diagram
             .cells
             .iter()
-            .filter(|cell| !self.hides_bit(cell))
+            .filter(|cell| !self.diagram.hides_bit(cell))
         {
             let column = self.sample(cell);
             if (row.from..row.until).contains(&column) {
