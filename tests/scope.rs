@@ -484,14 +484,63 @@ const SMALL: &str = "scope sim:motion=still,pos=5,delay=300ns,frame=st4,E,crc3 -
 
 #[test]
 fn a_small_frame_looks_like_this() {
-    let (stdout, stderr, status) = run(SMALL);
     let want = "\
 cycle 0, st4,E,crc3
 0.000000  pos 5  113°  ok
 MA 1 MHz, Ack 1 clock, CDS 0, line delay 300 ns, timeout 20 µs, CDM 0
+                       ├───┤ T = 1 µs (1 MHz)                  ├───── CDM = 0 ──────┤
+edge           1   2   3   4   5   6   7   8   9   10  11  12  13
+MA     ──────┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌─┐ ┌────────────⌇─────────────
+             └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘ └─┘
+                   ├┤ line delay 300 ns  timeout 20 µs + delay ├────────────────────┤
+SLO    ────────────●┐   ┌──●┐       ┌──●┐   ┌──●┐   ┌──●┐                           ┌─────
+                    └──●┘   └──●───●┘   └──●┘   └──●┘   └──●───●───●────────⌇───────┘
+bit                1   0   1   0   0   1   0   1   0   1   0   0   0
+field           ├LAT┼Ack┼─┬─┼CDS┼─── st4 = 5 ───┼ E ┼crc3 = 0x04┼─┬─┤
+                          ╰ start                                 ╰ stop
 ";
-    assert!(stdout.starts_with(want), "{stdout}");
+    let (stdout, stderr, status) = run(SMALL);
+    assert_eq!(stdout, want, "\n{stdout}");
     assert_eq!((stderr.as_str(), status), ("", Some(0)));
+}
+
+/// In two rows; what has no room hangs below.
+#[test]
+fn a_small_fault_looks_like_this() {
+    let want = "\
+cycle 0, st4,E,crc3
+0.000000  fault crc: got 0x05, want 0x04
+MA 1 MHz, Ack 1 clock, CDS 0, line delay 300 ns, timeout 20
+us, CDM 0
+                       |---| T = 1 us (1 MHz)
+edge           1   2   3   4   5   6   7   8   9
+MA     ------+ +-+ +-+ +-+ +-+ +-+ +-+ +-+ +-+ +-+
+             +-+ +-+ +-+ +-+ +-+ +-+ +-+ +-+ +-+ +-
+                   || line delay 300 ns
+SLO    ------------o+   +--o+       +--o+   +--o+
+                    +--o+   +--o---o+   +--o+   +--
+bit                1   0   1   0   0   1   0   1
+field           |LAT|Ack|-+-|CDS|----- st4 -----|E
+                          ` start
+
+                   |----- CDM = 0 ------|
+edge   10  11  12  13
+MA     +-+ +-+ +-+ +-----------//-------------
+       + +-+ +-+ +-+
+                   |--------------------|
+                   timeout 20 us + line delay
+SLO     +--o+   +--o+                   +-----
+       o+   +--o+   +--o-------//-------+
+bit    0   1   0   1   0
+field  -|-----+-----|-+-|
+              |       ` stop
+              ` crc3 = 0x05, want 0x04
+fault   ^^^^^^^^^^^^  crc: got 0x05, want 0x04
+";
+    let args = "sim:crc-error=1,motion=still,pos=5,delay=300ns,frame=st4,E,crc3";
+    let (stdout, _, status) = run(&format!("scope {args} --width 60 --ascii"));
+    assert_eq!(stdout, want, "\n{stdout}");
+    assert_eq!(status, Some(1));
 }
 
 #[test]

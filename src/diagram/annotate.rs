@@ -516,7 +516,7 @@ impl Notes<'_> {
         }
         let crc_bits = usize::from(channel.crc_bits());
         if let Some(span) = self.part(at, crc_bits, format!("crc{crc_bits}")) {
-            let digits = crc_bits.div_ceil(4) + 2;
+            let digits = crc_bits.div_ceil(4).max(2) + 2;
             let name = span.name.clone();
             self.push(match word.map(|word| (word.fault(), word.raw().1)) {
                 Some((Some(Fault::Crc { got, want }), _)) => span
