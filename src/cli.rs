@@ -11,6 +11,7 @@ use clap::builder::Resettable;
 use clap::error::ContextKind;
 use clap::{ArgMatches, Args, ValueEnum};
 use std::env;
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// What was typed, checked word by word.
@@ -18,6 +19,7 @@ use std::str::FromStr;
 pub(crate) enum Command {
     Read(Box<Read>),
     Scope(Box<Scope>),
+    Capture(Box<Capture>),
     Reg(Box<Reg>),
     Send(Box<Send>),
     Info(Box<Info>),
@@ -36,7 +38,7 @@ struct Verb {
     parse: fn(&ArgMatches) -> Result<Command, clap::Error>,
 }
 
-const VERBS: [Verb; 7] = [
+const VERBS: [Verb; 8] = [
     Verb {
         name: "read",
         about: "Read frames and print them, one record a line",
@@ -52,6 +54,14 @@ const VERBS: [Verb; 7] = [
         after_help: scope::SCOPE_HELP,
         takes: takes::<Scope>,
         parse: |typed| parse(typed, Command::Scope),
+    },
+    Verb {
+        name: "capture",
+        about: "Record MA and SLO: VCD, sigrok session or CSV",
+        before_help: "",
+        after_help: CAPTURE_HELP,
+        takes: takes::<Capture>,
+        parse: |typed| parse(typed, Command::Capture),
     },
     Verb {
         name: "reg",
@@ -323,6 +333,130 @@ pub(crate) struct Read {
     /// Colours in text output
     #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
     pub(crate) color: ColorWhen,
+}
+
+const CAPTURE_HELP: &str = "\
+Files, by the end of their name or by --as:
+  .vcd  value change dump: GTKWave, PulseView; with what each frame said beside the wires
+  .sr   sigrok session: PulseView, sigrok-cli; sampled at --sample-rate
+  .csv  a row a change, as Saleae Logic exports it
+
+Links:
+  gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines
+       [,mo=LINE][,uapi=v1|v2]           MO, for slaves on a bus; the kernel's interface
+  spi:BUS.CS[,phase=auto|2|3][,pad=N]    spidev: SCLK is MA, MISO is SLO
+  wave:BUS.CS[,oversample=N][,invert][,idle=low|high]
+                                         spidev: MOSI is MA, MISO is SLO
+  sim[:KEY=VAL,…]                        simulated encoder
+  file:PATH[,ma=NAME][,slo=NAME]         a recording, which is converted; - for standard input
+
+What was captured reads back: biss read file:FILE -f FORMAT.
+
+Examples:
+  biss capture sim -n 3 -w sim.vcd                                   a simulated encoder
+  biss capture gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 100 -w x.sr  a hundred frames
+  biss capture spi:0.0 --clocks 64 -w x.vcd                          an encoder of unknown format
+  biss capture file:bench.sr -w bench.vcd                            from one kind to another
+
+Exit status:
+  0  every frame asked for is in FILE, good and without error bit; without a format, with Ack and start bit
+  1  the wire answered badly, or not at all
+  2  usage or machine";
+
+#[derive(Debug, Args)]
+pub(crate) struct Capture {
+    /// Where the encoder is
+    #[arg(env = LINK_VARIABLE, hide_env_values = true)]
+    pub(crate) link: Spec,
+
+    /// The recording, - for standard output
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) write: PathBuf,
+
+    /// What kind of recording [default: by the end of FILE's name]
+    #[arg(long = "as", value_name = "KIND", value_enum)]
+    pub(crate) kind: Option<RecordingKind>,
+
+    /// Samples a second of a .sr [default: a usual rate, 16 samples a clock at least]
+    #[arg(long, value_name = "FREQ")]
+    pub(crate) sample_rate: Option<Hertz>,
+
+    /// Frame format, such as mt12,st20,nE,nW,crc6, or the name of a preset [default: nothing is decoded but Ack and start]
+    #[arg(
+        short,
+        long,
+        value_name = "FORMAT|PRESET",
+        env = FRAME_VARIABLE,
+        hide_env_values = true
+    )]
+    pub(crate) frame: Option<Frame>,
+
+    /// Clocks a frame, whatever comes [default: as many as the format needs, 128 without one]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(4..=biss::trace::MAX_CLOCKS as i64))]
+    pub(crate) clocks: Option<u16>,
+
+    /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
+    #[arg(short, long, value_name = "FREQ")]
+    pub(crate) clock: Option<Hertz>,
+
+    /// Number of frames, 0 for no end [default: 1, all of a recording]
+    #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) count: Option<u64>,
+
+    /// From start to start; missed slots are skipped and counted [default: back to back]
+    #[arg(short, long, value_name = "TIME")]
+    pub(crate) interval: Option<Nanos>,
+
+    /// Print the frames too, as biss read does
+    #[arg(short = 'o', long, value_enum)]
+    pub(crate) format: Option<OutputFormat>,
+
+    /// The slave's timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]
+    #[arg(long, value_name = "MIN[..MAX]|adaptive")]
+    pub(crate) timeout: Option<Timeout>,
+
+    /// How long Ack is searched, eight clocks at least
+    #[arg(long, value_name = "TIME", default_value = "40us")]
+    pub(crate) ack_limit: Nanos,
+
+    /// How long the start bit is searched, eight clocks at least
+    #[arg(long, value_name = "TIME", default_value = "40us")]
+    pub(crate) busy_limit: Nanos,
+
+    /// Repetitions of a bad frame per slot [default: 3 for stalled, else 0]
+    #[arg(long, value_name = "N")]
+    pub(crate) retries: Option<u32>,
+
+    /// How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]
+    #[arg(long, value_name = "TIME")]
+    pub(crate) wait: Option<Nanos>,
+
+    /// Real-time priority (SCHED_FIFO), memory locked
+    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
+    pub(crate) rt: Option<u8>,
+
+    /// Run on this processor only
+    #[arg(long, value_name = "N")]
+    pub(crate) cpu: Option<usize>,
+
+    /// No summary and no notes on stderr
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+
+    /// Say how the link runs; add bits to records
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+}
+
+/// `--as`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RecordingKind {
+    /// Value change dump
+    Vcd,
+    /// sigrok session
+    Sr,
+    /// Comma-separated values, a row a change
+    Csv,
 }
 
 const INFO_HELP: &str = "\

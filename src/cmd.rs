@@ -4,6 +4,7 @@ mod asked;
 mod auto;
 mod bank;
 mod beside;
+pub(crate) mod capture;
 pub(crate) mod command;
 mod counting;
 pub(crate) mod info;

@@ -42,6 +42,8 @@ pub struct BissC {
     /// Read Ack, start and CDS only, and leave the channels in the slave: their format need not be known, and a frame may
     /// be ended anywhere (D2, p. 12).
     pub head_only: bool,
+    /// Rising edges of each cycle, whatever comes; `None` clocks as many as the frame needs.
+    pub clocks: Option<u16>,
     /// Clocks after the stop bit that have to read 0; `None` clocks as many as the link needs.
     pub surplus: Option<u16>,
 }
@@ -56,6 +58,7 @@ impl BissC {
             stall: Stall::Unknown,
             timeout_max_ns: limits::TIMEOUT_MAX_NS as u32,
             head_only: false,
+            clocks: None,
             surplus: None,
         }
     }
@@ -276,7 +279,9 @@ impl Protocol for BissC {
         let period = Some(ability.period_ns);
         let ack = search_clocks(self.ack_limit_ns, period);
         let start = search_clocks(self.busy_limit_ns, period);
-        let until = if ability.reacts {
+        let until = if let Some(clocks) = self.clocks {
+            Until::Clocks(clocks.min(MAX_CLOCKS as u16))
+        } else if ability.reacts {
             Until::Frame {
                 ack,
                 start,

@@ -59,6 +59,7 @@ pub mod pattern;
 pub mod place;
 pub mod preset;
 pub mod protocol;
+pub mod record;
 pub mod registers;
 pub mod scan;
 pub mod slave;

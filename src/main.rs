@@ -30,15 +30,24 @@ fn main() -> ExitCode {
     }
 }
 
+/// Whether an option was typed, and does not come from the environment.
+fn typed(verb: &ArgMatches, option: &str) -> bool {
+    let source = verb
+        .try_contains_id(option)
+        .is_ok()
+        .then(|| verb.value_source(option));
+    source.flatten() == Some(ValueSource::CommandLine)
+}
+
 fn run(matches: &ArgMatches) -> ExitCode {
     let command = cli::typed(matches).unwrap_or_else(|error| error.exit());
-    let frame_given = matches.subcommand().is_some_and(|(_, typed)| {
-        let known = typed.try_contains_id("frame").is_ok();
-        known && typed.value_source("frame") == Some(ValueSource::CommandLine)
-    });
+    let frame_given = matches
+        .subcommand()
+        .is_some_and(|(_, verb)| typed(verb, "frame"));
     let result = match command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
         cli::Command::Scope(args) => cmd::scope::run(*args, frame_given),
+        cli::Command::Capture(args) => cmd::capture::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),
         cli::Command::Reg(args) => cmd::reg::run(*args),
         cli::Command::Send(args) => cmd::command::run(*args),

@@ -5,6 +5,7 @@
 
 use crate::control::{Access, Control, Outcome, Seen};
 use crate::cycle::{Cycle, Fault};
+use crate::format::Format;
 use crate::limits::REST_NS;
 use crate::link::{Error, Link, Phase};
 use crate::protocol::{Ability, Protocol};
@@ -217,6 +218,11 @@ impl<'a> Master<'a> {
     /// The link.
     pub fn link(&self) -> &dyn Link {
         self.link
+    }
+
+    /// The fields of the frames.
+    pub fn format(&self) -> &Format {
+        self.protocol.format()
     }
 
     /// The cycle of the last slot.

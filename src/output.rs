@@ -34,6 +34,11 @@ fn say(line: &str) {
         .write_all(format!("{line}\n").as_bytes());
 }
 
+/// Stdout for something that is no record.
+pub(crate) fn raw() -> Box<dyn Write> {
+    Box::new(io::stdout())
+}
+
 /// Writes a whole answer to stdout.
 pub(crate) fn answer(text: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
@@ -77,6 +82,8 @@ pub(crate) enum Look {
     Csv(Vec<Column>),
     /// Tab-separated, good records only.
     Fields(Vec<Column>),
+    /// Not at all.
+    Nothing,
 }
 
 /// Writes records that all look the same.
@@ -150,6 +157,9 @@ impl Printer {
 
     /// One record a channel, or one for a cycle that is a fault as a whole.
     pub(crate) fn shot(&mut self, shot: &Shot) -> io::Result<()> {
+        if matches!(self.look, Look::Nothing) {
+            return Ok(());
+        }
         let time = self.stamp.next(shot.t_ns);
         for record in Record::all(shot, time, self.verbose) {
             self.record(&record)?;
@@ -183,6 +193,7 @@ impl Printer {
             Look::Csv(columns) => record.row(columns, b',', line)?,
             Look::Fields(_) if record.good().is_none() => return Ok(()),
             Look::Fields(columns) => record.row(columns, b'\t', line)?,
+            Look::Nothing => return Ok(()),
         }
         self.line.push(b'\n');
         self.out.write_all(&self.line)

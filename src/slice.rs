@@ -24,7 +24,7 @@
 use crate::limits::{CLOCK_MIN_HZ, LINE_DELAY_MAX_NS, TIMEOUT_MIN_NS};
 use crate::scan::Regular;
 use crate::trace::{Cut, Level, MAX_CLOCKS, Trace};
-use crate::waveform::Change;
+use crate::waveform::{Change, Waveform};
 use std::collections::VecDeque;
 
 /// Cuts a waveform into traces. Feed it levels in order of time with [`Slicer::push`] and take the cycles from
@@ -425,6 +425,13 @@ impl Slicer {
         self.ready_ns = regular.ready_ns;
         self.t_ns = regular.risen_ns + regular.ready_ns;
         self.done.push_back(Done::Read(regular));
+    }
+
+    /// Hands over the changes that belong to no cycle yet, from where the last one was over.
+    pub fn rest(&mut self, wave: &mut Waveform) {
+        for change in self.log.iter_mut().flat_map(|log| log.drain(..)) {
+            wave.note(change.t_ns, change.ma, change.slo);
+        }
     }
 
     /// A rest of MA that ends every frame, and after which no bit is on its way.

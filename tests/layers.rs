@@ -133,6 +133,10 @@ const JOINTS: &[&str] = &[
     "lib.rs",
     "link.rs",
     "master.rs",
+    "record.rs",
+    "record/csv.rs",
+    "record/sr.rs",
+    "record/vcd.rs",
     "registers.rs",
 ];
 const BINARY: &[&str] = &[
@@ -145,6 +149,7 @@ const BINARY: &[&str] = &[
     "cmd/auto.rs",
     "cmd/bank.rs",
     "cmd/beside.rs",
+    "cmd/capture.rs",
     "cmd/command.rs",
     "cmd/counting.rs",
     "cmd/info.rs",

@@ -2,21 +2,23 @@
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 mod common;
+#[path = "common/pushed.rs"]
+mod pushed;
 
 use biss::frame::{BissC, Stall};
 use biss::link::bitbang::{Bang, Pins};
 use biss::link::sim::{Controller, SimBus, SimPins};
 use biss::link::tap::Tap;
 use biss::link::wave::{Options, Wave};
-use biss::link::{Caps, Clock, Error, Known, Link, sim};
+use biss::link::{Error, Link, sim};
 use biss::master::{Master, Slot};
 use biss::slave::{Config, Slave};
 use biss::slice::Slicer;
-use biss::trace::{Ask, Trace};
 use biss::unit::Hertz;
 use biss::waveform::{Change, Waveform};
 use common::{rng, size};
 use fastrand::Rng;
+use pushed::{Pushed, Words, all_frames, good};
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -26,7 +28,7 @@ fn config(text: &str) -> Config {
 
 /// What came of it: the words of every good frame, and all changes on the wires meanwhile.
 struct Run {
-    words: Vec<Vec<u64>>,
+    words: Words,
     /// Frames that were not good.
     bad: usize,
     /// Frames that were read again.
@@ -54,11 +56,9 @@ fn run(link: Box<dyn Link>, protocol: &BissC, frames: usize, all: bool) -> Run {
             panic!("the link is live");
         };
         repeated += tries as usize - 1;
-        let cycle = master.cycle();
-        let good = cycle.words().iter().map(|word| word.good());
-        match good.collect::<Option<Vec<u64>>>() {
-            Some(good) if cycle.is_good() => words.push(good),
-            _ => bad += 1,
+        match good(&master) {
+            Some(good) => words.push(good),
+            None => bad += 1,
         }
     }
     master.pause(100_000).unwrap();
@@ -81,76 +81,14 @@ fn run(link: Box<dyn Link>, protocol: &BissC, frames: usize, all: bool) -> Run {
     }
 }
 
-/// A slicer as a link.
-struct Pushed(Slicer);
-
-impl Link for Pushed {
-    fn caps(&self) -> Caps {
-        Caps {
-            live: false,
-            reacts: false,
-            cdm: false,
-            sees_idle: true,
-            times_levels: true,
-            phases: &[],
-            virtual_time: true,
-            burst: 1,
-        }
-    }
-    fn now_ns(&self) -> u64 {
-        0
-    }
-    fn clock(&self) -> Clock {
-        Clock {
-            hz: Hertz(0),
-            known: Known::Measured,
-        }
-    }
-    fn set_clock(&mut self, _: Hertz) -> Result<Clock, Error> {
-        Ok(self.clock())
-    }
-    fn idle(&mut self, _: u64) -> Result<Option<bool>, Error> {
-        Ok(None)
-    }
-    fn cycles(&mut self, _: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
-        Ok(usize::from(self.0.take(&mut out[0])))
-    }
-}
-
-fn shown(trace: &Trace) -> String {
-    format!(
-        "{} {} {:?} {:?} {:?}",
-        trace.t_ns, trace.bits, trace.longest, trace.delay_ns, trace.ready_ns
-    )
-}
-
-/// The good frames of what was taken down, what else there is, and the pieces.
-fn read_back(run: &Run, protocol: &BissC) -> (Vec<Vec<u64>>, Vec<String>) {
+/// The good frames of what was taken down, and what else there is.
+fn read_back(run: &Run, protocol: &BissC) -> (Words, Vec<String>) {
     let mut slicer = Slicer::new(protocol.timeout_max_ns.into());
     for change in &run.changes {
         slicer.push(change.t_ns, change.ma, change.slo);
     }
     slicer.finish(run.end_ns);
-    let mut link = Pushed(slicer);
-    let mut master = Master::new(&mut link, protocol, None);
-    master.open().unwrap();
-    let (mut words, mut others) = (Vec::new(), Vec::new());
-    loop {
-        match master.slot(0, None).unwrap() {
-            Slot::Ended => return (words, others),
-            Slot::Piece(cut) => {
-                others.push(format!("{cut:?}: {}", shown(master.trace())));
-                continue;
-            }
-            Slot::Done { .. } => {}
-        }
-        let cycle = master.cycle();
-        let good = cycle.words().iter().map(|word| word.good());
-        match good.collect::<Option<Vec<u64>>>() {
-            Some(good) if cycle.is_good() => words.push(good),
-            _ => others.push(format!("{:?}: {}", cycle.fault(), shown(master.trace()))),
-        }
-    }
+    all_frames(&mut Pushed(slicer), protocol)
 }
 
 /// The same slave once more, clocked as MA was: its SLO must change when and as the waveform says, and not else.

@@ -3,11 +3,12 @@
 use super::asked::{NO_FRAME, check, choose_frame, fill_in, look, slower, warn_outside};
 use super::auto;
 use super::beside::Beside;
+use super::capture::Sink;
 use super::counting::Counting;
 use super::line::{self, Line};
 use super::{Ended, Outcome, schedule};
 use crate::cli::{self, Wanted};
-use crate::output::{Printer, Shot, Summary, note};
+use crate::output::{Look, Printer, Shot, Summary, note};
 use crate::sys::Signals;
 use anyhow::{Result, anyhow, bail};
 use biss::frame::{BissC, Stall};
@@ -27,14 +28,14 @@ pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
     };
     check(&args)?;
     match wanted {
-        Wanted::Given(frame) => run_given(args, frame),
+        Wanted::Given(frame) => run_given(args, frame, None),
         Wanted::Auto => run_auto(&args),
     }
 }
 
 /// Reads frames of a format that was written down, which does not say whose channels they are.
-fn run_given(mut args: cli::Read, frame: Frame) -> Result<Ended> {
-    let plan = Plan::of(&args, frame, Vec::new())?;
+pub(super) fn run_given(mut args: cli::Read, frame: Frame, sink: Option<Sink>) -> Result<Ended> {
+    let mut plan = Plan::of(&args, frame, Vec::new(), sink)?;
     if let Some(preset) = plan.frame.preset {
         warn_outside(&args, preset);
         fill_in(&args.link, &mut args.clock, &mut args.timeout, preset);
@@ -49,7 +50,8 @@ fn run_given(mut args: cli::Read, frame: Frame) -> Result<Ended> {
         move || drop(printer.borrow_mut().flush())
     };
     let line = line(&args, Some(&plan.frame));
-    let link = match line.open(&signals, flush) {
+    let opened = line.open(&signals, flush);
+    let link = match opened {
         // The input ended for the signal: it is not what the error takes it for.
         Err(_) if recorded(&args) && signals.caught().is_some() => {
             return Ok(Ended {
@@ -58,6 +60,10 @@ fn run_given(mut args: cli::Read, frame: Frame) -> Result<Ended> {
             });
         }
         opened => opened?,
+    };
+    let link = match &mut plan.sink {
+        Some(sink) => sink.tap(link),
+        None => link,
     };
     plan.run(&args, link, signals)
 }
@@ -79,7 +85,7 @@ fn run_auto(args: &cli::Read) -> Result<Ended> {
         Ok(answer) => answer,
         Err(ended) => return Ok(ended),
     };
-    let plan = Plan::of(args, answer.frame, answer.slaves)?;
+    let plan = Plan::of(args, answer.frame, answer.slaves, None)?;
     plan.run(args, answer.link, answer.signals)
 }
 
@@ -101,31 +107,41 @@ struct Plan {
     slaves: Vec<u8>,
     counting: Option<Counting>,
     beside: Option<Beside>,
+    /// Where both wires are written to.
+    sink: Option<Sink>,
     printer: Rc<RefCell<Printer>>,
 }
 
 impl Plan {
-    fn of(args: &cli::Read, frame: Frame, slaves: Vec<u8>) -> Result<Plan> {
+    fn of(args: &cli::Read, frame: Frame, slaves: Vec<u8>, sink: Option<Sink>) -> Result<Plan> {
         let counting = Counting::asked(args, &frame.format)?;
         let beside = Beside::asked(args)?;
-        let look = look(args, &frame.format, !slaves.is_empty(), counting.is_some())?;
+        let look = match &sink {
+            Some(sink) if !sink.prints() => Look::Nothing,
+            _ => look(args, &frame.format, !slaves.is_empty(), counting.is_some())?,
+        };
         let printer = Printer::new(look, args.time, args.color, args.verbose);
         Ok(Plan {
             frame,
             slaves,
             counting,
             beside,
+            sink,
             printer: Rc::new(RefCell::new(printer)),
         })
     }
 
     fn run(self, args: &cli::Read, mut link: Box<dyn Link>, signals: Signals) -> Result<Ended> {
-        let protocol = line(args, None).protocol(self.frame.format);
+        let mut protocol = line(args, None).protocol(self.frame.format);
+        if let Some(sink) = &self.sink {
+            sink.shape(&mut protocol);
+        }
         Run {
             args,
             preset: self.frame.preset,
             counting: self.counting,
             beside: self.beside,
+            sink: self.sink,
             slaves: self.slaves,
             protocol: &protocol,
             signals,
@@ -147,6 +163,7 @@ struct Run<'a> {
     preset: Option<&'static Preset>,
     counting: Option<Counting>,
     beside: Option<Beside>,
+    sink: Option<Sink>,
     /// The slave ID of each channel, or none.
     slaves: Vec<u8>,
     protocol: &'a BissC,
@@ -173,7 +190,18 @@ impl Run<'_> {
         if let Some(beside) = &mut self.beside {
             beside.go_on(&mut master)?;
         }
-        let result = self.frames(&mut master, &mut summary, count);
+        let mut result = Ok(());
+        if let Some(sink) = &mut self.sink {
+            result = sink.begin(&mut master, self.protocol);
+        }
+        if result.is_ok() {
+            result = self.frames(&mut master, &mut summary, count);
+        }
+        if let Some(sink) = &mut self.sink {
+            // After an error too: what was captured before it shall be whole.
+            let ended = sink.end(&mut master, result.is_ok());
+            result = result.and(ended);
+        }
         let result = result.and_then(|()| self.printer.borrow_mut().flush().map_err(writing));
         let signal = self.signals.caught();
         let gone = result.as_ref().is_err_and(is_broken_pipe);
@@ -308,10 +336,12 @@ impl Run<'_> {
                 Slot::Done { tries } => tries,
                 Slot::Piece(cut) => {
                     self.piece(cut, master.trace());
+                    self.capture(master, false)?;
                     continue;
                 }
                 Slot::Ended => break,
             };
+            self.capture(master, true)?;
             if !caps.live && self.signals.caught().is_some() {
                 // The input ended for the signal, not for the recording.
                 break;
@@ -344,6 +374,14 @@ impl Run<'_> {
             self.registers(master)?;
         }
         Ok(())
+    }
+
+    /// Writes what both wires have done, and of a whole frame what it said.
+    fn capture(&mut self, master: &Master, whole: bool) -> Result<()> {
+        match &mut self.sink {
+            Some(sink) => sink.cycle(master, whole),
+            None => Ok(()),
+        }
     }
 
     /// Prints the registers that have come with this frame.
@@ -389,6 +427,9 @@ impl Run<'_> {
         };
         if wait > 0 {
             self.printer.borrow_mut().flush().map_err(writing)?;
+            if let Some(sink) = &mut self.sink {
+                sink.flush()?;
+            }
             self.signals.wait(Duration::from_nanos(wait));
         }
         Ok(())
@@ -412,6 +453,14 @@ fn writing(error: io::Error) -> anyhow::Error {
     anyhow::Error::from(error).context(Said(said))
 }
 
+/// A recording that could not be written, in the same way.
+pub(super) fn writing_to(name: &str, error: io::Error) -> anyhow::Error {
+    let said = format!(
+        "writing {name}: {error}\n  make room, or write elsewhere; a file holds what was captured before"
+    );
+    anyhow::Error::from(error).context(Said(said))
+}
+
 /// All three parts of an error in one; what is under it would only repeat the second.
 #[derive(Debug)]
 struct Said(String);
@@ -422,7 +471,7 @@ impl std::fmt::Display for Said {
     }
 }
 
-fn unix_us() -> i128 {
+pub(super) fn unix_us() -> i128 {
     let since = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default();

@@ -9,6 +9,7 @@ use super::{Caps, Clock, Error, Known, Link};
 use crate::slice::Slicer;
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
+use crate::waveform::Waveform;
 use csv::Csv;
 use source::{Channel, Source};
 use std::io::{self, Cursor, Read};
@@ -266,5 +267,14 @@ impl Link for Recording {
             }
         }
         Ok(wanted)
+    }
+
+    fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
+        self.slicer.keep_waveform();
+        self.slicer.rest(wave);
+        if self.ended {
+            self.now_ns = self.source.now_ns();
+        }
+        Ok(())
     }
 }
