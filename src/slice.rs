@@ -52,6 +52,8 @@ pub struct Slicer {
     /// MA's last rising edge that counted, and from there to the last rise of SL.
     risen_ns: u64,
     ready_ns: u64,
+    /// SL's last change, or where it was first seen.
+    slo_ns: u64,
     /// Every change that belongs to no trace yet, where somebody wants them.
     log: Option<VecDeque<Change>>,
 }
@@ -171,6 +173,11 @@ struct Edges {
     rest_ns: u64,
     /// From the last rising edge before it to SL = 1.
     ready_before_ns: u64,
+    /// SL did not move meanwhile.
+    still: bool,
+    /// It is the first one, and ended with SL = 1 in less than half the time that MA had rested: the slave would have
+    /// timed out in a rest inside a frame.
+    lone: bool,
     begin: Begin,
     tailless: bool,
     falls: Vec<u64>,
@@ -315,6 +322,7 @@ impl Slicer {
             begin: Begin::Unknown,
             risen_ns: 0,
             ready_ns: 0,
+            slo_ns: 0,
             log: None,
         }
     }
@@ -330,7 +338,7 @@ impl Slicer {
         let t_ns = t_ns.max(self.t_ns);
         if !self.begun {
             (self.begun, self.ma, self.slo) = (true, ma, slo);
-            self.moved_ns = t_ns;
+            (self.moved_ns, self.slo_ns) = (t_ns, t_ns);
         }
         self.settle(t_ns);
         self.t_ns = t_ns;
@@ -364,6 +372,7 @@ impl Slicer {
             self.cycle.tailless = true;
             self.end(t_ns, None);
         }
+        self.vouch(t_ns);
         self.held = 0;
     }
 
@@ -465,7 +474,8 @@ impl Slicer {
     }
 
     fn slo_changes(&mut self, t_ns: u64, level: Option<bool>) {
-        self.slo = level;
+        self.vouch(t_ns);
+        (self.slo, self.slo_ns) = (level, t_ns);
         if level == Some(true) {
             self.ready_ns = t_ns - self.risen_ns;
         }
@@ -568,7 +578,9 @@ impl Slicer {
     }
 
     fn arm(&mut self, t_ns: u64, rest_ns: u64) {
+        self.vouch(t_ns);
         self.state = State::Armed;
+        self.cycle.still = t_ns - self.slo_ns >= rest_ns;
         self.cycle.idle = self.slo;
         self.cycle.rest_ns = rest_ns;
         self.cycle.begin = self.begin;
@@ -589,6 +601,8 @@ impl Slicer {
             let needed = period.map(|period| TIMEOUT_MIN_NS.max(period + period / 2));
             if edges.idle == Some(true) && needed.is_some_and(|needed| edges.rest_ns > needed) {
                 edges.begin = Begin::Likely;
+                let rest_ns = edges.rest_ns;
+                edges.lone = edges.still && edges.ready_ns.is_some_and(|ns| rest_ns > 2 * ns);
             }
         }
         let answered = edges.answered();
@@ -621,6 +635,20 @@ impl Slicer {
         let known = edges.begin == Begin::Certain && (delay.is_some() || answered.is_none());
         self.begin = if known { Begin::Certain } else { Begin::Likely };
         self.done.push_back(Done::Pushed(edges));
+    }
+
+    /// The first cycle began where it seems to, if SL has been 1 since its end for so long by `t_ns` that no bit can be on its
+    /// way: then that 1 was the end, and shows how long the slave waits.
+    fn vouch(&mut self, t_ns: u64) {
+        if self.held != 1 || t_ns.saturating_sub(self.slo_ns) <= LINE_DELAY_MAX_NS {
+            return;
+        }
+        if let Some(Done::Pushed(edges)) = self.done.back_mut() {
+            if edges.lone && self.slo == Some(true) {
+                edges.begin = Begin::Certain;
+                (self.begin, self.held) = (Begin::Certain, 0);
+            }
+        }
     }
 
     /// Cycles in a row with the same line delay, each measured on its own, began where they seem to.
@@ -852,6 +880,36 @@ mod tests {
             bench.pass(rest);
         }
         assert_eq!(bench.faults(FORMAT), [Ok(165), Ok(166), Ok(167), Ok(168)]);
+    }
+
+    /// A trigger's capture: one frame, less than a line delay and a timeout behind its beginning. The slave's own timeout
+    /// tells that it would have ended a frame in that rest.
+    #[test]
+    fn a_lone_frame_vouches_for_itself() {
+        let config = "motion=count,pos=165,delay=112ns,timeout=adaptive,frame=st8,crc6";
+        for (lead, tail, counts) in [
+            (33_000, 50_000, true),
+            (33_000, 39_000, false),
+            (12_000, 50_000, false),
+        ] {
+            let mut bench = Bench::new(config);
+            bench.pass(lead);
+            bench.clock(EDGES, 500);
+            bench.pass(tail);
+            let mut trace = Trace::default();
+            bench.slicer.finish(bench.t);
+            assert!(bench.slicer.take(&mut trace));
+            let known = trace.cut != Some(Cut::Begin) && !trace.unconfirmed;
+            assert_eq!(known, counts, "{lead} {tail} {trace:?}");
+        }
+        // Where the slave waits longer than half the rest, it could have been a rest inside a frame.
+        let mut bench = Bench::new(CONFIG);
+        bench.pass(29_000);
+        bench.clock(EDGES, 500);
+        bench.pass(60_000);
+        bench.slicer.finish(bench.t);
+        let mut trace = Trace::default();
+        assert!(bench.slicer.take(&mut trace) && trace.unconfirmed);
     }
 
     #[test]
