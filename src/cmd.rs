@@ -11,6 +11,7 @@ pub(crate) mod info;
 mod line;
 pub(crate) mod list;
 pub(crate) mod loopback;
+mod overheard;
 pub(crate) mod read;
 pub(crate) mod reg;
 mod saved;

@@ -22,7 +22,7 @@ mod quench;
 
 pub use access::{Access, Bytes};
 pub use failure::Failure;
-pub use listen::{Heard, Listener, Spoken};
+pub use listen::{Heard, Idl, Listener, Spoken};
 
 use crate::crc::Crc;
 use exchange::{Aim, Came, Exchange, Progress};

@@ -1,6 +1,7 @@
 //! Records on stdout, everything else on stderr. The only place that prints.
 
 mod columns;
+pub(crate) mod heard;
 pub(crate) mod info;
 mod json;
 pub(crate) mod list;
@@ -216,6 +217,17 @@ impl Stamp {
             TimeStyle::Delta => Time::Delta(t_ns.saturating_sub(last)),
             TimeStyle::Unix => Time::Unix(self.unix_us + i128::from(t_ns) / 1000),
             TimeStyle::None => Time::None,
+        }
+    }
+}
+
+impl Stamp {
+    /// The time of something that is no frame and moves no clock: where times count from the record before there is none.
+    fn of(&self, t_ns: u64) -> Time {
+        match self.style {
+            TimeStyle::Zero => Time::Zero(t_ns.saturating_sub(self.first_ns.unwrap_or(t_ns))),
+            TimeStyle::Unix => Time::Unix(self.unix_us + i128::from(t_ns) / 1000),
+            TimeStyle::Delta | TimeStyle::None => Time::None,
         }
     }
 }

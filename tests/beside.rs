@@ -156,10 +156,12 @@ fn overheard<L: Link + HasSlave + Clone>(
     let mut frame = |master: &mut Master<'_>| {
         master.slot(0, None).unwrap();
         match (master.cycle().fault(), master.cycle().head()) {
-            (None, Some(head)) => {
-                heard.extend(listener.frame(master.trace().cdm.unwrap(), head.cds))
-            }
-            _ => listener.lost(),
+            (None, Some(head)) => heard.extend(listener.frame(
+                master.trace().t_ns,
+                master.trace().cdm.unwrap(),
+                head.cds,
+            )),
+            _ => drop(listener.lost()),
         }
     };
     // What a listener needs before it understands anything.

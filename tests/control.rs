@@ -216,10 +216,10 @@ fn the_listener_understands_both_directions() {
         let mut listener = Listener::new();
         let mut heard: Vec<Heard> = Vec::new();
         for _ in 0..REST_FRAMES {
-            assert_eq!(listener.frame(false, false), None);
+            assert_eq!(listener.frame(0, false, false), None);
         }
         for (cdm, cds) in row.cdm.chars().zip(row.cds.chars()) {
-            heard.extend(listener.frame(cdm == '1', cds == '1'));
+            heard.extend(listener.frame(0, cdm == '1', cds == '1'));
         }
         let said: Vec<Spoken> = heard.iter().map(|heard| heard.spoken).collect();
         let want: Vec<Spoken> = match row.access {
@@ -459,7 +459,7 @@ fn a_header_is_heard_in_silence() {
 fn the_listener_hears_no_refusal_of_nothing() {
     let mut listener = Listener::new();
     for _ in 0..REST_FRAMES {
-        assert_eq!(listener.frame(false, false), None);
+        assert_eq!(listener.frame(0, false, false), None);
     }
     // S, CTS, ID 0 and an address whose CRC is zeros, as those of the rest are.
     let address = (0..0x80u8)
@@ -470,7 +470,7 @@ fn the_listener_hears_no_refusal_of_nothing() {
         .unwrap();
     let (sent, _) = run(read(0, address, 1), "0100000000000000", false);
     for cdm in sent.chars().chain("000000000000000000".chars()) {
-        assert_eq!(listener.frame(cdm == '1', false), None, "{address:#x}");
+        assert_eq!(listener.frame(0, cdm == '1', false), None, "{address:#x}");
     }
 }
 
@@ -629,7 +629,7 @@ fn listened(rest: u8, cdm: &str, cds: &str) -> Vec<Spoken> {
     let rest = (0..rest).map(|_| (false, false));
     let bits = cdm.chars().zip(cds.chars());
     rest.chain(bits.map(|(cdm, cds)| (cdm == '1', cds == '1')))
-        .filter_map(|(cdm, cds)| listener.frame(cdm, cds))
+        .filter_map(|(cdm, cds)| listener.frame(0, cdm, cds))
         .map(|heard| heard.spoken)
         .collect()
 }
@@ -651,13 +651,13 @@ fn the_listener_checks_what_it_hears() {
     let mut listener = Listener::new();
     for frame in 0..20 {
         match frame {
-            10 => listener.lost(),
-            _ => assert_eq!(listener.frame(false, false), None),
+            10 => assert_eq!(listener.lost(), None),
+            _ => assert_eq!(listener.frame(0, false, false), None),
         }
     }
     for (cdm, cds) in read_cdm.chars().zip(read_cds.chars()) {
         assert_eq!(
-            listener.frame(cdm == '1', cds == '1'),
+            listener.frame(0, cdm == '1', cds == '1'),
             None,
             "9 frames of rest"
         );
@@ -685,6 +685,7 @@ fn the_listener_checks_what_it_hears() {
     let next = Spoken::Silent {
         slave,
         address: 0x79,
+        write: false,
     };
     assert_eq!(heard, [right, next]);
     // 0x5A is written, 0x05 with its CRC, which is 0 as well, comes back.

@@ -533,6 +533,7 @@ fn every_key_of_a_record_is_explained() {
         "sim:timeout=100us -c 30kHz -n 2",
         "file:tests/recordings/bench.vcd -f st26,nE,nW,crc6",
         "file:tests/recordings/faults.vcd -f st26,nE,nW,crc6",
+        "file:tests/recordings/registers.vcd -f st3,nE,nW,crc3",
     ] {
         let output = run(&format!("biss read {args} -o json"), 0).output;
         for line in output.lines().filter(|line| line.starts_with('{')) {

@@ -4,7 +4,12 @@
 //! expected records anew; otherwise both must be as they are.
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
+#[path = "common/recorder.rs"]
+mod recorder;
+
+use biss::control::Access;
 use biss::slave::{Config, Slave};
+use recorder::recorded;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use vcd::{IdCode, TimescaleUnit, Value, Writer};
@@ -194,7 +199,37 @@ fn recordings() -> Vec<(&'static str, &'static str, i32, String)> {
         absent.clocks(48).rest(30_000);
     }
 
+    // What a master says to a slave and hears from it, beside the shortest of frames.
+    let small = "st3,nE,nW,crc3";
+    let accesses = [
+        Access::Read {
+            slave: 0,
+            address: 0x78,
+            count: 3,
+        },
+        Access::Write {
+            slave: 0,
+            address: 0x10,
+            data: [0x5A, 0xC3].as_slice().into(),
+        },
+        // Read-only.
+        Access::Write {
+            slave: 0,
+            address: 0x20,
+            data: [1].as_slice().into(),
+        },
+        Access::Command {
+            slaves: 1,
+            code: 2,
+            checked: true,
+            reduced: false,
+        },
+    ];
+    let knobs = "motion=count,reg-busy=40us..90us,read-only=0x20";
+    let (_, registers) = recorded(&format!("{knobs},frame={small}"), &accesses, 0);
+
     vec![
+        ("registers", small, 0, registers),
         ("bench", FRAME, 0, bench_vcd.clone()),
         ("cut", FRAME, 0, cut(&bench_vcd, 60_700, 1_070_000)),
         ("flags", FRAME, 1, slow_start.vcd()),
@@ -283,6 +318,10 @@ fn the_expected_records_are_true() {
     );
     assert_eq!(values("absent", "fault"), ["no-ack", "no-ack"]);
     assert_eq!(values("safety", "lc"), [1, 2, 3]);
+    let registers = [0x78, 0x79, 0x7A, 0x10, 0x11, 0x20, 0x20];
+    assert_eq!(values("registers", "addr"), registers);
+    assert_eq!(values("registers", "value"), [0x42, 0x49, 0x53, 0x5A, 0xC3]);
+    assert_eq!(values("registers", "busy"), [2, 2, 3, 0, 0]);
     assert_eq!(values("safety", "turn"), [7; 6]);
 }
 

@@ -6,8 +6,10 @@ use super::beside::Beside;
 use super::capture::Sink;
 use super::counting::Counting;
 use super::line::{self, Line};
+use super::overheard::Eavesdropper;
 use super::{Ended, Outcome, schedule};
 use crate::cli::{self, Wanted};
+use crate::output::heard::Overheard;
 use crate::output::{Look, Printer, Shot, Summary, note};
 use crate::sys::Signals;
 use anyhow::{Result, anyhow, bail};
@@ -146,6 +148,7 @@ impl Plan {
             protocol: &protocol,
             signals,
             printer: self.printer,
+            eavesdropper: recorded(args).then(Eavesdropper::default),
         }
         .all(link.as_mut())
     }
@@ -169,6 +172,8 @@ struct Run<'a> {
     protocol: &'a BissC,
     signals: Signals,
     printer: Rc<RefCell<Printer>>,
+    /// Of recordings, which somebody else has made.
+    eavesdropper: Option<Eavesdropper>,
 }
 
 impl Run<'_> {
@@ -335,11 +340,15 @@ impl Run<'_> {
             let tries = match master.slot(at_ns, end_ns)? {
                 Slot::Done { tries } => tries,
                 Slot::Piece(cut) => {
+                    self.lost(seq, "a frame was not whole")?;
                     self.piece(cut, master.trace());
                     self.capture(master, false)?;
                     continue;
                 }
-                Slot::Ended => break,
+                Slot::Ended => {
+                    self.lost(seq, "the recording ended")?;
+                    break;
+                }
             };
             self.capture(master, true)?;
             if !caps.live && self.signals.caught().is_some() {
@@ -370,6 +379,7 @@ impl Run<'_> {
             let first = summary.span_ns.map_or(shot.t_ns, |(first, _)| first);
             summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
             self.printer.borrow_mut().shot(&shot).map_err(writing)?;
+            self.overhear(seq, master)?;
             seq += 1;
             self.registers(master)?;
         }
@@ -380,6 +390,32 @@ impl Run<'_> {
     fn capture(&mut self, master: &Master, whole: bool) -> Result<()> {
         match &mut self.sink {
             Some(sink) => sink.cycle(master, whole),
+            None => Ok(()),
+        }
+    }
+
+    /// Prints what somebody else's master and slaves have said by the end of this frame.
+    fn overhear(&mut self, seq: u64, master: &Master) -> Result<()> {
+        let heard = self
+            .eavesdropper
+            .as_mut()
+            .and_then(|ear| ear.frame(seq, master.trace(), master.cycle()));
+        self.tell(heard)
+    }
+
+    /// `seq` is that of the next frame.
+    fn lost(&mut self, seq: u64, why: &str) -> Result<()> {
+        let seq = seq.saturating_sub(1);
+        let heard = self
+            .eavesdropper
+            .as_mut()
+            .and_then(|ear| ear.lost(seq, why));
+        self.tell(heard)
+    }
+
+    fn tell(&mut self, heard: Option<Overheard>) -> Result<()> {
+        match heard {
+            Some(heard) => self.printer.borrow_mut().overheard(&heard).map_err(writing),
             None => Ok(()),
         }
     }

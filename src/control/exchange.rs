@@ -1,5 +1,6 @@
 //! One control frame, bit by bit: what goes out as CDM, and what comes back as CDS (D2, p. 14-19).
 
+use super::failure::{missing, refusal};
 use super::quench::{Quench, Reader};
 use super::{BUSY_MAX_NS, Bytes, Failure, crc4};
 
@@ -224,32 +225,13 @@ impl Exchange {
             Aim::Command { checked: false, .. } => 0,
             Aim::Command { slaves, .. } => u16::from(slaves),
         };
-        let missing = wanted & !self.idl;
-        let present = self.idl.trailing_ones();
-        match (missing, self.idl) {
-            // Each slave takes the first ID that is left.
-            (_, idl) if idl >> present != 0 => Some(Failure::Garbled { idl }),
-            (0, _) => None,
-            (_, 0) => Some(Failure::Unheard),
-            _ => Some(Failure::Absent {
-                slave: missing.trailing_zeros() as u8,
-                present: present as u8,
-            }),
-        }
+        missing(wanted, self.idl)
     }
 
     fn acknowledge(&mut self, t_ns: u64, w: bool) -> Progress {
         let address = self.address();
         let write = matches!(self.aim, Aim::Write { .. });
-        let failure = match (self.r, w) {
-            (true, false) if !write => None,
-            (false, true) if write => None,
-            (true, true) if !write => Some(Failure::Refused { address }),
-            // A slave that found the header's CRC wrong looks the same; it will not twice.
-            (false, false) if write => Some(Failure::Refused { address }),
-            (false, false) => Some(Failure::NoReaction { address }),
-            (r, w) => Some(Failure::Strange { address, r, w }),
-        };
+        let failure = refusal(address, write, (self.r, w));
         match failure {
             Some(failure) => Progress::Failed(failure),
             None => self.begins_byte(t_ns),

@@ -195,6 +195,35 @@ fn ids(bits: u8) -> String {
     }
 }
 
+/// Why not all who are wanted can answer; bit k for ID k in both.
+pub(super) fn missing(wanted: u16, idl: u16) -> Option<Failure> {
+    let missing = wanted & !idl;
+    let present = idl.trailing_ones();
+    match (missing, idl) {
+        // Each slave takes the first ID that is left.
+        (_, idl) if idl >> present != 0 => Some(Failure::Garbled { idl }),
+        (0, _) => None,
+        (_, 0) => Some(Failure::Unheard),
+        _ => Some(Failure::Absent {
+            slave: missing.trailing_zeros() as u8,
+            present: present as u8,
+        }),
+    }
+}
+
+/// What R and W as they were echoed mean: a read echoes 10, a write 01.
+pub(super) fn refusal(address: u8, write: bool, (r, w): (bool, bool)) -> Option<Failure> {
+    match (r, w) {
+        (true, false) if !write => None,
+        (false, true) if write => None,
+        (true, true) if !write => Some(Failure::Refused { address }),
+        // A slave that found the header's CRC wrong looks the same; it will not twice.
+        (false, false) if write => Some(Failure::Refused { address }),
+        (false, false) => Some(Failure::NoReaction { address }),
+        (r, w) => Some(Failure::Strange { address, r, w }),
+    }
+}
+
 impl Failure {
     /// Whether it is the same once more, however long it took.
     pub(super) fn repeats(self, other: Failure) -> bool {

@@ -1,14 +1,150 @@
 //! The passive side: what master and slaves say to each other, from the CDM and CDS of frames somebody else has run.
 
+use super::failure::{Failure, missing, refusal};
 use super::{REST_FRAMES, crc4};
 
 /// One thing that was said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Heard {
-    /// The frame in which it began, counted from the first one listened to: S of the control frame or of the byte.
-    pub frame: u64,
+    /// When its first frame began: that with S of the control frame, or of a byte behind the first one with its own.
+    pub t_ns: u64,
+    /// So many frames from there to its last one, both included.
+    pub frames: u64,
+    /// Frames in which S had to be repeated before the slave echoed it.
+    pub busy: u32,
+    /// From the first S of the byte to its echo, or to where it was given up.
+    pub waited_ns: u64,
+    /// What the slaves said in the header.
+    pub head: Idl,
     /// What.
     pub spoken: Spoken,
+}
+
+/// What slaves say while the header goes out: who takes an ID, and nothing else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Idl {
+    /// Bit k for ID k, bit 8 for a ninth slave.
+    pub taken: u16,
+    /// CDS was 1 where nobody has anything to say.
+    pub out_of_step: bool,
+}
+
+impl Idl {
+    fn hears(&mut self, n: u8, cds: bool) {
+        match n {
+            1..=9 => self.taken |= u16::from(cds) << (n - 1),
+            0 | 10..=16 => self.out_of_step |= cds,
+            _ => {}
+        }
+    }
+
+    /// Why those who are wanted cannot have answered.
+    fn failure(self, wanted: u16) -> Option<Failure> {
+        match self.out_of_step {
+            true => Some(Failure::OutOfStep),
+            false => missing(wanted, self.taken),
+        }
+    }
+}
+
+impl Heard {
+    /// What a master that checks everything would say of it; none where all of it is right. No value that comes with a
+    /// failure is to be believed, whatever its CRC.
+    pub fn failure(&self) -> Option<Failure> {
+        let slave = |slave: u8| self.head.failure(1 << slave);
+        match self.spoken {
+            Spoken::Read { slave: id, .. } | Spoken::Written { slave: id, .. } => slave(id),
+            Spoken::Bad {
+                address, cdm, cds, ..
+            } => Some(bad_byte(address, cdm, cds)),
+            Spoken::Refused {
+                slave: id,
+                address,
+                write,
+                rw,
+            } => slave(id).or(refusal(address, write, rw)),
+            Spoken::Silent {
+                slave: id,
+                address,
+                write,
+            } => slave(id).or(Some(match write {
+                true => Failure::NotEchoed { address },
+                false => Failure::Silent {
+                    address,
+                    waited_ns: self.waited_ns,
+                },
+            })),
+            Spoken::Command {
+                slaves,
+                acknowledged,
+                ..
+            } => {
+                let want = (slaves, acknowledged);
+                let acknowledge = || {
+                    (want.0 != want.1).then_some(Failure::Acknowledge {
+                        want: want.0,
+                        got: want.1,
+                    })
+                };
+                self.head.failure(slaves.into()).or_else(acknowledge)
+            }
+            Spoken::Cut { .. } => Some(Failure::Cut),
+            Spoken::CutCommand { undecided, .. } => Some(match undecided {
+                true => Failure::Undecided,
+                false => Failure::Cut,
+            }),
+            Spoken::BadHeader { .. } => None,
+        }
+    }
+}
+
+impl Heard {
+    /// Byte and CRC as they came from the slave, 12 bits.
+    pub fn came(&self) -> Option<u16> {
+        match self.spoken {
+            Spoken::Read { value, .. } | Spoken::Written { value, .. } => {
+                Some(u16::from(value) << 4 | u16::from(crc4(value.into(), 8)))
+            }
+            Spoken::Bad { cds, .. } => Some(cds),
+            _ => None,
+        }
+    }
+
+    /// Whether what came from the slave fits its CRC; false too where nothing came.
+    pub fn crc_ok(&self) -> bool {
+        self.came().is_some_and(fits)
+    }
+
+    /// The byte that was to be written, if the master's own CRC belongs to it.
+    pub fn sent(&self) -> Option<u8> {
+        match self.spoken {
+            Spoken::Written { value, .. } => Some(value),
+            Spoken::Bad {
+                cdm: Some(sent), ..
+            } if fits(sent) => Some((sent >> 4) as u8),
+            _ => None,
+        }
+    }
+}
+
+/// A byte and its CRC.
+fn fits(bits: u16) -> bool {
+    crc4(u64::from(bits >> 4), 8) == (bits & 0xF) as u8
+}
+
+fn bad_byte(address: u8, cdm: Option<u16>, cds: u16) -> Failure {
+    match cdm.filter(|sent| *sent != cds) {
+        Some(sent) => Failure::Echo {
+            address,
+            sent,
+            got: cds,
+        },
+        None => Failure::DataCrc {
+            address,
+            got: (cds & 0xF) as u8,
+            want: crc4(u64::from(cds >> 4), 8),
+        },
+    }
 }
 
 /// What was said.
@@ -60,6 +196,26 @@ pub enum Spoken {
         slave: u8,
         /// The register.
         address: u8,
+        /// It was to be written.
+        write: bool,
+    },
+    /// An access under way when a frame was not whole: what became of it is not known.
+    Cut {
+        /// Slave ID.
+        slave: u8,
+        /// The register.
+        address: u8,
+        /// It was to be written.
+        write: bool,
+    },
+    /// Likewise a command.
+    CutCommand {
+        /// As in [`Spoken::Command`].
+        slaves: u8,
+        /// Likewise.
+        code: u8,
+        /// The frame was the one that could execute it.
+        undecided: bool,
     },
     /// A command.
     Command {
@@ -84,9 +240,16 @@ pub enum Spoken {
 #[derive(Clone, Copy, Debug)]
 pub struct Listener {
     frame: u64,
+    t_ns: u64,
     zeros: u8,
     at: At,
-    began: u64,
+    /// The frame of the control frame's S, or of a later byte's own, and when that was.
+    began: (u64, u64),
+    head: Idl,
+    busy: u32,
+    /// When S of the byte under way first went out, and how long its echo took.
+    asked_ns: u64,
+    waited_ns: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -133,24 +296,57 @@ impl Listener {
     pub fn new() -> Listener {
         Listener {
             frame: 0,
+            t_ns: 0,
             zeros: 0,
             at: At::Rest,
-            began: 0,
+            began: (0, 0),
+            head: Idl::default(),
+            busy: 0,
+            asked_ns: 0,
+            waited_ns: 0,
         }
     }
 
-    /// A frame that was not whole, or none: what was under way is lost.
-    pub fn lost(&mut self) {
+    /// A frame that was not whole, or none: what was under way is lost. If it was known what that is, it is said.
+    pub fn lost(&mut self) -> Option<Heard> {
+        let heard = match self.at {
+            At::Acknowledge { target, .. } | At::Await { target } | At::Byte { target, .. } => self
+                .says(Spoken::Cut {
+                    slave: target.slave,
+                    address: target.address,
+                    write: target.write,
+                }),
+            At::Command {
+                slaves, code, n, ..
+            } => self.says(Spoken::CutCommand {
+                slaves,
+                code,
+                undecided: n == 7 || slaves == 0,
+            }),
+            At::Rest | At::Header { .. } => None,
+        };
         self.frame += 1;
         self.zeros = 0;
         self.at = At::Rest;
+        heard
     }
 
-    /// The bits of a whole frame.
-    pub fn frame(&mut self, cdm: bool, cds: bool) -> Option<Heard> {
+    /// When a whole frame began, and its bits.
+    pub fn frame(&mut self, t_ns: u64, cdm: bool, cds: bool) -> Option<Heard> {
+        self.t_ns = t_ns;
         let heard = self.step(cdm, cds);
         self.frame += 1;
         heard
+    }
+
+    fn begins(&mut self) {
+        self.began = (self.frame, self.t_ns);
+    }
+
+    /// S of a byte has just been sent.
+    fn asks(&mut self, target: Target) {
+        (self.busy, self.asked_ns) = (0, self.t_ns);
+        self.at = At::Await { target };
     }
 
     fn step(&mut self, cdm: bool, cds: bool) -> Option<Heard> {
@@ -162,7 +358,10 @@ impl Listener {
         match self.at {
             At::Rest => {
                 if cdm && rested {
-                    self.began = self.frame;
+                    self.begins();
+                    self.head = Idl::default();
+                    self.head.hears(0, cds);
+                    (self.busy, self.waited_ns) = (0, 0);
                     self.at = At::Header { n: 1, bits: 0 };
                 }
                 None
@@ -170,6 +369,7 @@ impl Listener {
             At::Header { n, bits } => self.header(n, bits << 1 | u32::from(cdm), cds),
             At::Acknowledge { target, r } => self.acknowledge(target, (r, cds), cdm),
             At::Await { target } if cds => {
+                self.waited_ns = self.t_ns.saturating_sub(self.asked_ns);
                 self.at = At::Byte {
                     target,
                     i: 1,
@@ -178,11 +378,18 @@ impl Listener {
                 };
                 None
             }
-            At::Await { .. } if cdm => None,
-            At::Await { target } => self.says(Spoken::Silent {
-                slave: target.slave,
-                address: target.address,
-            }),
+            At::Await { .. } if cdm => {
+                self.busy += 1;
+                None
+            }
+            At::Await { target } => {
+                self.waited_ns = self.t_ns.saturating_sub(self.asked_ns);
+                self.says(Spoken::Silent {
+                    slave: target.slave,
+                    address: target.address,
+                    write: target.write,
+                })
+            }
             At::Byte {
                 target,
                 i,
@@ -200,6 +407,7 @@ impl Listener {
 
     /// `bits` came with frames 1 to `n`. CDS is IDL here, and the echo of R in the last frame.
     fn header(&mut self, n: u8, bits: u32, cds: bool) -> Option<Heard> {
+        self.head.hears(n, cds);
         let command = n >= 15 && bits >> (n - 1) & 1 == 0;
         let header = (bits >> n.saturating_sub(15)) as u16 & 0x7FFF;
         if n == 15 && crc4(u64::from(header >> 4), 11) != (header & 0xF) as u8 {
@@ -238,11 +446,10 @@ impl Listener {
                 rw,
             });
         }
-        self.began = self.frame;
-        self.at = match s {
-            true => At::Await { target },
-            false => At::Rest,
-        };
+        match s {
+            true => self.asks(target),
+            false => self.at = At::Rest,
+        }
         None
     }
 
@@ -274,8 +481,8 @@ impl Listener {
             ..target
         };
         if cdm && !cds && next.address < super::ADDRESSES {
-            self.began = self.frame;
-            self.at = At::Await { target: next };
+            self.begins();
+            self.asks(next);
         }
         heard
     }
@@ -307,8 +514,13 @@ impl Listener {
 
     fn says(&mut self, spoken: Spoken) -> Option<Heard> {
         self.at = At::Rest;
+        let (frame, t_ns) = self.began;
         Some(Heard {
-            frame: self.began,
+            t_ns,
+            frames: self.frame - frame + 1,
+            busy: self.busy,
+            waited_ns: self.waited_ns,
+            head: self.head,
             spoken,
         })
     }
@@ -325,7 +537,7 @@ fn said(
     came: u16,
 ) -> Spoken {
     let value = (came >> 4) as u8;
-    let good = crc4(value.into(), 8) == (came & 0xF) as u8;
+    let good = fits(came);
     match write {
         true if good && sent == came => Spoken::Written {
             slave,

@@ -8,12 +8,7 @@ impl Serialize for Record<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("type", "frame")?;
-        match self.time {
-            Time::Zero(ns) => map.serialize_entry("t_ns", &ns)?,
-            Time::Delta(ns) => map.serialize_entry("dt_ns", &ns)?,
-            Time::Unix(us) => map.serialize_entry("t_unix_us", &us)?,
-            Time::None => {}
-        }
+        time(&mut map, self.time)?;
         map.serialize_entry("seq", &self.shot.seq)?;
         if let Some(Place { index, shown: true }) = self.ch {
             map.serialize_entry("ch", &index)?;
@@ -38,6 +33,15 @@ impl Serialize for Record<'_> {
         self.head_entries(&mut map)?;
         self.raw_entries(&mut map)?;
         map.end()
+    }
+}
+
+pub(super) fn time<M: SerializeMap>(map: &mut M, time: Time) -> Result<(), M::Error> {
+    match time {
+        Time::Zero(ns) => map.serialize_entry("t_ns", &ns),
+        Time::Delta(ns) => map.serialize_entry("dt_ns", &ns),
+        Time::Unix(us) => map.serialize_entry("t_unix_us", &us),
+        Time::None => Ok(()),
     }
 }
 

@@ -47,6 +47,15 @@ impl Bad {
         }
     }
 
+    /// What a recording shows, and no master has said.
+    pub(crate) fn said(name: &'static str, detail: impl Into<String>) -> Bad {
+        Bad {
+            name,
+            detail: detail.into(),
+            failure: None,
+        }
+    }
+
     /// Nobody has tried.
     pub(crate) fn untried() -> Bad {
         Bad {
@@ -176,6 +185,28 @@ fn character(byte: u8) -> Option<char> {
     Some(char::from(byte)).filter(char::is_ascii_graphic)
 }
 
+/// A byte in hexadecimal and decimal, and as a character.
+pub(super) fn shown_value(byte: u8) -> String {
+    let character = character(byte).map(|shown| format!("  {shown}"));
+    format!("  {byte:#04x}  {byte:3}{}", character.unwrap_or_default())
+}
+
+/// What an access was for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Direction {
+    Read,
+    Write,
+}
+
+impl Direction {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Direction::Read => "read",
+            Direction::Write => "write",
+        }
+    }
+}
+
 impl Display for Register {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:#04x}", self.address)?;
@@ -200,10 +231,7 @@ impl Display for Register {
                 f.write_str(" ->")?;
                 value.map_or(Ok(()), |value| write!(f, " {value:#04x}"))
             }
-            (None, Some(byte)) => {
-                write!(f, "  {byte:#04x}  {byte:3}")?;
-                character(byte).map_or(Ok(()), |shown| write!(f, "  {shown}"))
-            }
+            (None, Some(byte)) => f.write_str(&shown_value(byte)),
             (None, None) => Ok(()),
         }
     }
@@ -234,7 +262,7 @@ impl Serialize for Register {
     }
 }
 
-fn bad_entries<M: SerializeMap>(bad: Option<&Bad>, map: &mut M) -> Result<(), M::Error> {
+pub(super) fn bad_entries<M: SerializeMap>(bad: Option<&Bad>, map: &mut M) -> Result<(), M::Error> {
     let Some(bad) = bad else { return Ok(()) };
     map.serialize_entry("fault", bad.name)?;
     map.serialize_entry("detail", &bad.detail)

@@ -8,16 +8,7 @@ use std::io::{self, Write};
 
 impl Record<'_> {
     pub(super) fn text(&self, out: &mut Vec<u8>, color: bool, degree: &str) -> io::Result<()> {
-        match self.time {
-            Time::Zero(ns) | Time::Delta(ns) => write!(
-                out,
-                "{:3}.{:06}",
-                ns / 1_000_000_000,
-                ns % 1_000_000_000 / 1000
-            )?,
-            Time::Unix(us) => write!(out, "{}.{:06}", us / 1_000_000, us % 1_000_000)?,
-            Time::None => {}
-        }
+        time(out, self.time)?;
         if let Some(Place { index, shown: true }) = self.ch {
             separate(out);
             write!(out, "ch {index}")?;
@@ -44,10 +35,27 @@ impl Record<'_> {
     }
 }
 
-fn separate(out: &mut Vec<u8>) {
+pub(super) fn time(out: &mut Vec<u8>, time: Time) -> io::Result<()> {
+    match time {
+        Time::Zero(ns) | Time::Delta(ns) => write!(
+            out,
+            "{:3}.{:06}",
+            ns / 1_000_000_000,
+            ns % 1_000_000_000 / 1000
+        ),
+        Time::Unix(us) => write!(out, "{}.{:06}", us / 1_000_000, us % 1_000_000),
+        Time::None => Ok(()),
+    }
+}
+
+pub(super) fn separate(out: &mut Vec<u8>) {
     if !out.is_empty() {
         out.extend(b"  ");
     }
+}
+
+pub(super) fn red(out: &mut Vec<u8>, color: bool, text: impl Display) -> io::Result<()> {
+    paint(out, color, AnsiColor::Red, text)
 }
 
 fn paint(out: &mut Vec<u8>, color: bool, shade: AnsiColor, text: impl Display) -> io::Result<()> {
