@@ -183,7 +183,7 @@ impl Format {
 const FIELDS: &str =
     "fields are mtN stN posN padN dataN[=NAME] lcN nE nW E W and last crcN[:POLY[:init=X][:plain]]";
 /// Keys of a record that a named field must not take over.
-const RESERVED: [&str; 45] = [
+const RESERVED: [&str; 50] = [
     "type",
     "t_ns",
     "t_unix_us",
@@ -207,6 +207,9 @@ const RESERVED: [&str; 45] = [
     "ack",
     "delay_clk",
     "delay_ns",
+    "busy_ns",
+    "clock_hz",
+    "timeout_ns",
     "cds",
     "crc",
     "unprotected",
@@ -216,6 +219,8 @@ const RESERVED: [&str; 45] = [
     "want",
     "clock",
     "clocks",
+    "first_clock",
+    "last_clock",
     "level_ns",
     "limit_ns",
     "edge",

@@ -266,6 +266,17 @@ struct Record<'a> {
     verbose: bool,
 }
 
+/// What the edges of a recorded cycle measure.
+#[derive(Clone, Copy, Debug, Default)]
+struct Measured {
+    /// Ack edge to start edge; takes both wires.
+    busy_ns: Option<u64>,
+    /// MA's rising edges.
+    clock_hz: Option<u32>,
+    /// Last MA edge to SL = 1, as the slave saw them.
+    timeout_ns: Option<u32>,
+}
+
 /// A good word, field by field.
 struct Good<'a> {
     channel: &'a Channel,
@@ -315,6 +326,41 @@ impl<'a> Record<'a> {
 
     fn slave(&self) -> Option<u8> {
         self.shot.slaves.get(self.ch?.index).copied()
+    }
+
+    /// What only a recording shows, as somebody else has made its clock.
+    fn measured(&self) -> Measured {
+        let trace = self.shot.trace;
+        if self.shot.tries.is_some() {
+            return Measured::default();
+        }
+        let head = self.shot.cycle.head();
+        let busy_ns = trace.wave.as_ref().zip(head).and_then(|(wave, head)| {
+            let ack = 1 + usize::from(head.delay_clk);
+            wave.between_ns(ack, ack + usize::from(head.ack))
+        });
+        let period = trace.ma_period_ns.filter(|ns| *ns > 0);
+        let ready = trace.ready_ns.zip(trace.delay_ns);
+        Measured {
+            busy_ns,
+            clock_hz: period.map(|ns| (1_000_000_000 + ns / 2) / ns),
+            timeout_ns: ready.and_then(|(ready, delay)| ready.checked_sub(delay)),
+        }
+    }
+
+    /// The rising edges whose bits are those of a bad channel, first and last; of recordings, where one may look there.
+    fn clocks(&self) -> Option<(u32, u32)> {
+        let (channel, word) = self.channel()?;
+        let head = self.shot.cycle.head()?;
+        if self.shot.tries.is_some() || word.fault().is_none() {
+            return None;
+        }
+        let bits =
+            |channel: &Channel| u32::from(channel.data_bits()) + u32::from(channel.crc_bits());
+        let before = self.shot.format.channels().iter().take(self.ch?.index);
+        // LAT, the Ack edge, the start edge and CDS go before.
+        let first = 4 + u32::from(head.clocks()) + before.map(bits).sum::<u32>();
+        Some((first, first + bits(channel).saturating_sub(1)))
     }
 
     fn fault(&self) -> Option<Fault> {

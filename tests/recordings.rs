@@ -296,6 +296,10 @@ fn the_expected_records_are_true() {
     assert_eq!(values("far", "delay_ns"), [1600; 5]);
     assert_eq!(values("far", "cds"), [1; 5]);
     assert_eq!(values("bench", "delay_ns"), [112; 5]);
+    assert_eq!(values("bench", "clock_hz"), [1_000_000; 5]);
+    assert_eq!(values("bench", "timeout_ns"), [20_000; 5]);
+    // An adaptive timeout of one clock and a half, at 2 MHz.
+    assert_eq!(values("far", "timeout_ns"), [750; 5]);
     assert_eq!(
         values("bench", "t_ns"),
         [0, 250_000, 500_000, 750_000, 1_000_000]
@@ -529,6 +533,153 @@ fn a_recording_without_a_frame_is_no_success() {
         records.is_empty() && status == Some(1),
         "{records:?} {said} {status:?}"
     );
+}
+
+/// When SLO fell and rose first in each cycle, out of the text of the recording.
+fn ack_and_start(vcd: &str) -> Vec<(u64, u64)> {
+    let slo = vcd
+        .lines()
+        .find(|line| line.contains(" SLO "))
+        .and_then(|line| line.split(' ').nth(3))
+        .unwrap();
+    let (mut t_ns, mut quiet_since, mut fell) = (0u64, 0u64, None);
+    let mut found = Vec::new();
+    for line in vcd.lines().skip_while(|line| !line.starts_with('#')) {
+        if let Some(t) = line.strip_prefix('#') {
+            t_ns = t.parse().unwrap();
+            continue;
+        }
+        // MA has rested: a new cycle.
+        if line[1..] != *slo {
+            if t_ns - quiet_since > 10_000 {
+                fell = None;
+            }
+            quiet_since = t_ns;
+        } else if line == format!("0{slo}") && fell.is_none() {
+            fell = Some((t_ns, false));
+        } else if let (Some((t, false)), true) = (fell, line == format!("1{slo}")) {
+            found.push((t, t_ns));
+            fell = Some((t, true));
+        }
+    }
+    found
+}
+
+/// Busy times are those of the edges on SLO: the clock is not the same all the time.
+#[test]
+fn busy_times_are_measured_on_slo() {
+    let config = "motion=count,busy=3us..9us,seed=4,delay=112ns,timeout=20us";
+    let mut bench = Bench::new(&format!("{config},frame={FRAME}"), 500);
+    bench.rest(50_000);
+    for half_ns in [500, 520, 480, 430, 560, 510] {
+        bench.half_ns = half_ns;
+        bench.clocks(3);
+        bench.half_ns = half_ns + 40;
+        bench.clocks(3);
+        bench.half_ns = half_ns;
+        bench.clocks(EDGES + 6).rest(60_000);
+    }
+    let vcd = bench.vcd();
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("busy.vcd");
+    std::fs::write(&file, &vcd).unwrap();
+    let run = |options: &str| {
+        let link = format!("file:{}", file.display());
+        let mut args = vec!["read", &link, "-f", FRAME];
+        args.extend(options.split(' '));
+        let output = Command::new(env!("CARGO_BIN_EXE_biss"))
+            .args(args)
+            .env_remove("BISS_FRAME")
+            .output()
+            .unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let records: Vec<serde_json::Value> = run("-o json -v")
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let want: Vec<u64> = ack_and_start(&vcd).iter().map(|(a, b)| b - a).collect();
+    let found: Vec<u64> = records
+        .iter()
+        .filter_map(|r| r["busy_ns"].as_u64())
+        .collect();
+    assert_eq!(found, want);
+    assert_eq!(want.len(), 6);
+    let counted = |record: &serde_json::Value| {
+        let clock = record["clock_hz"].as_f64().unwrap();
+        (record["ack"].as_f64().unwrap() * 1e9 / clock) as u64
+    };
+    let apart = records.iter().map(counted).zip(&want);
+    assert!(apart.filter(|(a, b)| a.abs_diff(**b) > 20).count() > 2);
+    // They take both wires, so only who asks for them has them.
+    assert!(!run("-o json").contains("busy_ns"));
+    assert!(!run("-o csv").contains("busy_ns"));
+    assert!(run("-o csv -v").contains(",busy_ns,clock_hz,timeout_ns,"));
+    let fields: Vec<String> = records
+        .iter()
+        .filter(|r| r["ok"] == true)
+        .map(|r| r["busy_ns"].to_string())
+        .collect();
+    assert_eq!(run("-F busy_ns").lines().collect::<Vec<_>>(), fields);
+    let text = run("-t none -v");
+    assert!(text.contains("  delay 112ns  busy "), "{text}");
+    assert!(text.contains("  timeout 20us  clock "), "{text}");
+    assert!(!run("-t none").contains("timeout"));
+}
+
+/// A fault says where it is: its clock, or the clocks of its channel.
+#[test]
+fn every_fault_has_a_place() {
+    let mut kinds = std::collections::BTreeSet::new();
+    for (name, ..) in recordings() {
+        for line in std::fs::read_to_string(path(name, "json")).unwrap().lines() {
+            let record: serde_json::Value = serde_json::from_str(line).unwrap();
+            let Some(fault) = record["fault"]
+                .as_str()
+                .filter(|_| record["type"] == "frame")
+            else {
+                continue;
+            };
+            kinds.insert(fault.to_owned());
+            let has = |key: &str| record.get(key).is_some();
+            let places = [
+                "clock",
+                "clocks",
+                "edge",
+                "have_bits",
+                "head_clk",
+                "first_clock",
+            ];
+            assert!(has("t_ns") && places.iter().any(|key| has(key)), "{line}");
+        }
+    }
+    let kinds: Vec<&str> = kinds.iter().map(String::as_str).collect();
+    assert_eq!(
+        kinds,
+        ["crc", "mismatch", "no-ack", "null", "short", "stalled"]
+    );
+}
+
+/// Of several channels each has its own clocks: those of `-f`, behind the start bit of this very frame.
+#[test]
+fn the_clocks_of_a_bad_channel_are_its_own() {
+    let frame = "st10,crc6+data7=temp,crc5";
+    let config = format!("motion=count,busy=4us,crc-error=60%,seed=1,frame={frame}");
+    let mut bench = Bench::new(&config, 500);
+    bench.rest(50_000);
+    for _ in 0..12 {
+        bench.clocks(40).rest(60_000);
+    }
+    let (records, ..) = read_vcd("clocks", &bench.vcd(), frame);
+    let mut seen = [0, 0];
+    for record in records.iter().filter(|record| record["fault"] == "crc") {
+        let ch = record["ch"].as_u64().unwrap();
+        // LAT, then as many clocks as Ack takes, start and CDS.
+        let first = record["ack"].as_u64().unwrap() + 4 + ch * 16;
+        assert_eq!(record["first_clock"], first, "{record}");
+        assert_eq!(record["last_clock"], first + [15, 11][ch as usize]);
+        seen[ch as usize] += 1;
+    }
+    assert!(seen[0] > 0 && seen[1] > 0, "{seen:?}");
 }
 
 /// The clocks of a first cycle are answered only during a second one, after a pause: what is read then was latched

@@ -79,7 +79,8 @@ pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: boo
         cli::OutputFormat::Text => Look::Text,
         cli::OutputFormat::Json => Look::Json,
         cli::OutputFormat::Csv => {
-            let shown = |column: &Column| *column != Column::Bits || args.verbose;
+            let dear = [Column::Bits, Column::BusyNs];
+            let shown = |column: &Column| args.verbose || !dear.contains(column);
             Look::Csv(there.into_iter().filter(shown).collect())
         }
     })

@@ -28,6 +28,9 @@ pub(crate) enum Column {
     Ack,
     DelayNs,
     DelayClocks,
+    BusyNs,
+    ClockHz,
+    TimeoutNs,
     Cds,
     Crc,
     Unprotected,
@@ -74,6 +77,9 @@ impl Column {
             Column::Ack => "ack",
             Column::DelayNs => "delay_ns",
             Column::DelayClocks => "delay_clk",
+            Column::BusyNs => "busy_ns",
+            Column::ClockHz => "clock_hz",
+            Column::TimeoutNs => "timeout_ns",
             Column::Cds => "cds",
             Column::Crc => "crc",
             Column::Unprotected => "unprotected",
@@ -128,6 +134,9 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
         (Column::Ack, true),
         (Column::DelayNs, shape.delay_ns),
         (Column::DelayClocks, shape.delay_clk),
+        (Column::BusyNs, !shape.live),
+        (Column::ClockHz, !shape.live),
+        (Column::TimeoutNs, !shape.live),
         (Column::Cds, true),
         (Column::Crc, any(&|channel| channel.crc().is_some())),
         (Column::Unprotected, any(&|channel| channel.crc().is_none())),
@@ -143,7 +152,7 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
 
 /// The columns of `list`, comma-separated names, out of those that are there.
 pub(crate) fn choose(list: &str, there: &[Column]) -> Result<Vec<Column>, ParseError> {
-    const ELSEWHERE: [&str; 15] = [
+    const ELSEWHERE: [&str; 18] = [
         "t_ns",
         "dt_ns",
         "t_unix_us",
@@ -159,6 +168,9 @@ pub(crate) fn choose(list: &str, there: &[Column]) -> Result<Vec<Column>, ParseE
         "tries",
         "delay_ns",
         "delay_clk",
+        "busy_ns",
+        "clock_hz",
+        "timeout_ns",
     ];
     let good = |column: &&Column| !matches!(column, Column::Fault | Column::Detail);
     let mut chosen = Vec::new();
@@ -250,7 +262,15 @@ impl Record<'_> {
                     let space = if index > 0 { " " } else { "" };
                     write!(out, "{space}{name}={number}")?;
                 }
-                Ok(())
+                match self.clocks() {
+                    Some((first, last)) => {
+                        // A null value has no numbers of its own.
+                        let bare = fault.is_none_or(|fault| fault.numbers().next().is_none());
+                        let space = if bare { "" } else { " " };
+                        write!(out, "{space}first_clock={first} last_clock={last}")
+                    }
+                    None => Ok(()),
+                }
             }
             Column::Tries => write(out, self.shot.tries),
             Column::Ack => write(out, head.map(|head| head.ack)),
@@ -259,6 +279,9 @@ impl Record<'_> {
                 let clocks = head.filter(|_| self.shot.trace.delay_ns.is_none());
                 write(out, clocks.map(|head| head.delay_clk))
             }
+            Column::BusyNs => write(out, self.measured().busy_ns),
+            Column::ClockHz => write(out, self.measured().clock_hz),
+            Column::TimeoutNs => write(out, self.measured().timeout_ns),
             Column::Cds => write(out, head.map(|head| u8::from(head.cds))),
             Column::Crc => {
                 let protected = word.filter(|(channel, _)| channel.crc().is_some());

@@ -26,6 +26,10 @@ impl Serialize for Record<'_> {
             for (name, number) in fault.numbers() {
                 map.serialize_entry(name, &number)?;
             }
+            if let Some((first, last)) = self.clocks() {
+                map.serialize_entry("first_clock", &first)?;
+                map.serialize_entry("last_clock", &last)?;
+            }
         }
         if let Some(tries) = self.shot.tries {
             map.serialize_entry("tries", &tries)?;
@@ -87,6 +91,16 @@ impl Record<'_> {
             (Some(ns), _) => map.serialize_entry("delay_ns", &ns)?,
             (None, Some(head)) => map.serialize_entry("delay_clk", &head.delay_clk)?,
             (None, None) => {}
+        }
+        let measured = self.measured();
+        if let Some(ns) = measured.busy_ns {
+            map.serialize_entry("busy_ns", &ns)?;
+        }
+        if let Some(hz) = measured.clock_hz {
+            map.serialize_entry("clock_hz", &hz)?;
+        }
+        if let Some(ns) = measured.timeout_ns {
+            map.serialize_entry("timeout_ns", &ns)?;
         }
         if let Some(head) = head {
             map.serialize_entry("cds", &u8::from(head.cds))?;

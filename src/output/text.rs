@@ -3,6 +3,7 @@
 use super::{Good, Place, Record, Time};
 use anstyle::{AnsiColor, Style};
 use biss::format::Kind;
+use biss::unit::{Hertz, Nanos};
 use std::fmt::Display;
 use std::io::{self, Write};
 
@@ -23,13 +24,41 @@ impl Record<'_> {
         } else if let Some(fault) = self.fault() {
             separate(out);
             paint(out, color, AnsiColor::Red, format_args!("fault {fault}"))?;
+            if let Some((first, last)) = self.clocks() {
+                write!(out, " (clocks {first} to {last})")?;
+            }
         }
         if let Some(tries) = self.shot.tries.filter(|tries| *tries > 1) {
             write!(out, "  ({tries} tries)")?;
         }
         if self.verbose {
+            self.measured_text(out)?;
             separate(out);
             write!(out, "{}", self.shot.trace.bits)?;
+        }
+        Ok(())
+    }
+
+    fn measured_text(&self, out: &mut Vec<u8>) -> io::Result<()> {
+        let measured = self.measured();
+        let delay_ns = self
+            .shot
+            .trace
+            .delay_ns
+            .filter(|_| self.shot.tries.is_none());
+        for (name, ns) in [
+            ("delay", delay_ns.map(u64::from)),
+            ("busy", measured.busy_ns),
+            ("timeout", measured.timeout_ns.map(u64::from)),
+        ] {
+            if let Some(ns) = ns {
+                separate(out);
+                write!(out, "{name} {}", Nanos(ns))?;
+            }
+        }
+        if let Some(hz) = measured.clock_hz {
+            separate(out);
+            write!(out, "clock {}", Hertz(hz))?;
         }
         Ok(())
     }
