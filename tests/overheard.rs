@@ -5,9 +5,10 @@
 mod common;
 #[path = "common/recorder.rs"]
 mod recorder;
+#[path = "common/wire.rs"]
+mod wire;
 
 use biss::control::{Access, Failure, Heard, Listener, Outcome, REST_FRAMES, Spoken};
-use biss::registers::BANK_SELECT;
 use common::{biss, json, rng, size, texts};
 use fastrand::Rng;
 use recorder::recorded;
@@ -408,20 +409,187 @@ fn noise_is_no_register() {
     assert!(registers <= 1 && commands <= 5 + all / 500_000);
 }
 
-/// Accesses that come from the fault's side: what a name means is the same as for a live master.
+/// What a listener makes of these bits behind a rest, CDM and CDS, with frames that are lost.
+fn listened(cdm: &str, cds: &str, lost: Option<usize>) -> Vec<Heard> {
+    let bits = cdm.chars().zip(cds.chars()).enumerate();
+    let bits = bits.map(|(at, (cdm, cds))| (Some(at) != lost).then_some((cdm == '1', cds == '1')));
+    heard(bits.collect::<Vec<_>>().into_iter())
+}
+
+/// 0x4D is read from register 0x78 of slave 0: as MB4 and TI have it.
+const READ: [&str; 2] = [
+    "110001111000010110100000000000000",
+    "010000000000000001010100110111000",
+];
+
 #[test]
-fn failures_have_the_names_of_live_ones() {
-    let names: HashSet<&str> = Failure::NAMES.into_iter().collect();
-    let mut rng = rng();
-    let bits = bits(&mut rng, 20);
-    for _ in 0..size(40) {
-        let noisy = bits
+fn a_listener_checks_as_a_master_does() {
+    let [cdm, cds] = READ;
+    let with = |places: &[usize]| -> String {
+        let flip = |(at, bit): (usize, char)| match (places.contains(&at), bit) {
+            (false, bit) => bit,
+            (true, '0') => '1',
+            (true, _) => '0',
+        };
+        cds.chars().enumerate().map(flip).collect()
+    };
+    let address = 0x78;
+    for (flipped, want) in [
+        (vec![], None),
+        (vec![1], Some(Failure::Unheard)),
+        (vec![1, 2], Some(Failure::Garbled { idl: 2 })),
+        (vec![3], Some(Failure::Garbled { idl: 5 })),
+        (vec![0], Some(Failure::OutOfStep)),
+        (vec![12], Some(Failure::OutOfStep)),
+        (vec![16], Some(Failure::OutOfStep)),
+        (vec![18], Some(Failure::Refused { address })),
+        (vec![17], Some(Failure::NoReaction { address })),
+        (
+            vec![17, 18],
+            Some(Failure::Strange {
+                address,
+                r: false,
+                w: true,
+            }),
+        ),
+        (
+            vec![31],
+            Some(Failure::DataCrc {
+                address,
+                got: 0xD,
+                want: 0xC,
+            }),
+        ),
+    ] {
+        let heard = listened(cdm, &with(&flipped), None);
+        let failures: Vec<_> = heard.iter().map(Heard::failure).collect();
+        assert_eq!(failures, [want], "{flipped:?}");
+    }
+}
+
+#[test]
+fn waiting_is_counted() {
+    let [cdm, cds] = READ;
+    for busy in 0..5usize {
+        let late = |bits: &str, bit: &str| {
+            let (before, after) = bits.split_at(19);
+            format!("{before}{}{after}", bit.repeat(busy))
+        };
+        let heard = listened(&late(cdm, "1"), &late(cds, "0"), None);
+        let [heard] = heard[..] else {
+            panic!("{heard:?}")
+        };
+        assert_eq!(heard.failure(), None);
+        assert_eq!(
+            (heard.busy as usize, heard.frames as usize),
+            (busy, 33 + busy)
+        );
+        // A frame is a nanosecond here.
+        assert_eq!(heard.waited_ns as usize, busy + 1);
+        assert_eq!(heard.t_ns, u64::from(REST_FRAMES));
+    }
+}
+
+/// What was under way when a frame was lost is said as far as it is known, and nothing is heard of the rest.
+#[test]
+fn a_lost_frame_ends_what_is_under_way() {
+    let [cdm, cds] = READ;
+    for lost in 0..cdm.len() {
+        let spoken: Vec<Spoken> = listened(cdm, cds, Some(lost))
             .iter()
-            .map(|b| Some((b.0 != (rng.u8(..40) == 0), b.1 != (rng.u8(..40) == 0))));
-        for heard in heard(noisy.collect::<Vec<_>>().into_iter()) {
-            let name = heard.failure().map(|failure| failure.name());
-            assert!(name.is_none_or(|name| names.contains(name)), "{heard:?}");
+            .map(|heard| heard.spoken)
+            .collect();
+        let cut = Spoken::Cut {
+            slave: 0,
+            address: 0x78,
+            write: false,
+        };
+        match lost {
+            0..=17 => assert_eq!(spoken, [], "{lost}"),
+            _ => assert_eq!(spoken, [cut], "{lost}"),
         }
     }
-    assert_eq!(BANK_SELECT, 0x40);
+    let cdm = format!("1{}00000001", wire::command(&[0], 2));
+    let cds = "0100000000000000010000000";
+    for lost in 0..cdm.len() {
+        let failures: Vec<_> = listened(&cdm, cds, Some(lost))
+            .iter()
+            .map(Heard::failure)
+            .collect();
+        match lost {
+            0..=16 => assert_eq!(failures, [], "{lost}"),
+            17..=23 => assert_eq!(failures, [Some(Failure::Cut)], "{lost}"),
+            _ => assert_eq!(failures, [Some(Failure::Undecided)], "{lost}"),
+        }
+    }
+}
+
+/// Masters that do what ours never does.
+#[test]
+fn a_master_that_checks_nothing_is_told_on() {
+    let all = "0000000000000000000000000000000";
+    let header = format!("1{}", wire::command(&[0], 2));
+    let broken = format!("1{}", wire::register(0, 0x78));
+    let broken = format!(
+        "{}{}",
+        &broken[..15],
+        if broken.ends_with('1') { '0' } else { '1' }
+    );
+    for (name, knobs, cdm, fault, text) in [
+        (
+            "executed",
+            "",
+            format!("{header}00000001"),
+            None,
+            "command 10  slave 0  acknowledged and executed",
+        ),
+        (
+            "left",
+            "",
+            format!("{header}00000000"),
+            Some("not-executed"),
+            "command 10  slave 0  fault not-executed: the master did not send the bit that executes it",
+        ),
+        (
+            "forced",
+            "ida-wrong=1,",
+            format!("{header}00000001"),
+            Some("acknowledge"),
+            "command 10  slave 0  fault acknowledge: acknowledged by no slave, it was for slave 0, and executed all the same",
+        ),
+        (
+            "broadcast",
+            "",
+            format!("1{}1", wire::command(&[], 2)),
+            None,
+            "command 10  all slaves  sent",
+        ),
+        (
+            "header",
+            "",
+            format!("{broken}101"),
+            Some("header-crc"),
+            "control frame  fault header-crc: the header does not fit its CRC: a bit error, or the master has given it up",
+        ),
+        (
+            "absent",
+            "",
+            format!("1{}1011", wire::register(1, 0x78)),
+            Some("absent"),
+            "slave 1  read 0x78  fault absent: no slave with ID 1: only ID 0 is there",
+        ),
+    ] {
+        let vcd = recorder::dictated(&format!("{knobs}frame={ONE}"), &format!("{cdm}{all}"));
+        let records = records(name, &vcd, ONE);
+        let said: Vec<&Value> = talk(&records).collect();
+        assert_eq!(said.len(), 1, "{name}: {said:?}");
+        assert_eq!(said[0]["fault"].as_str(), fault, "{name}");
+        assert_eq!(said[0]["ok"], fault.is_none(), "{name}");
+        let (stdout, ..) = read(name, &vcd, ONE, "-t none -q");
+        let lines: Vec<&str> = stdout
+            .lines()
+            .filter(|line| !line.starts_with("pos"))
+            .collect();
+        assert_eq!(lines, [text], "{name}");
+    }
 }

@@ -73,6 +73,13 @@ fn verdict(heard: &Heard, fault: Option<Fault>) -> Option<Bad> {
             "not-executed",
             "the master did not send the bit that executes it",
         )),
+        // Nothing is wrong with the byte, but nobody should have sent it.
+        (Spoken::Read { value, .. } | Spoken::Written { value, .. }, Some(failure)) => {
+            Some(Bad::said(
+                failure.name(),
+                format!("{failure}; {value:#04x} came with a good CRC all the same"),
+            ))
+        }
         (_, failure) => failure.map(|failure| Bad::new(failure, fault)),
     }
 }

@@ -127,3 +127,27 @@ pub fn recorded(config: &str, accesses: &[Access], pause: usize) -> (Vec<Outcome
     link.idle(100_000).unwrap();
     (outcomes, std::mem::take(&mut link.pins_mut().text))
 }
+
+/// The recording of a master that sends these CDM bits behind 16 frames of rest, whatever the slave says.
+pub fn dictated(config: &str, cdm: &str) -> String {
+    const HALF_NS: u64 = 500;
+    let parsed: Config = config.parse().unwrap_or_else(|e| panic!("{config}: {e}"));
+    let clocks = 5 + parsed.format.bits();
+    let mut wires = Recorder::new(config);
+    let wait = |wires: &mut Recorder, ns: u64| wires.until(wires.now_ns() + ns);
+    wait(&mut wires, 100_000);
+    for bit in "0000000000000000".chars().chain(cdm.chars()) {
+        for _ in 0..clocks {
+            for level in [false, true] {
+                wires.ma(level).unwrap();
+                wait(&mut wires, HALF_NS);
+            }
+        }
+        wires.ma(bit == '0').unwrap();
+        wait(&mut wires, 45_000);
+        wires.ma(true).unwrap();
+        wait(&mut wires, 2 * HALF_NS);
+    }
+    wait(&mut wires, 100_000);
+    wires.text
+}
