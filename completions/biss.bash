@@ -268,7 +268,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__command)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --broadcast --unchecked --reduced --format --help gpio: wave: sim"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --broadcast --unchecked --reduced --format --help gpio: wave: sim exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -563,7 +563,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__info)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --no-write --format --help gpio: wave: sim"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --no-write --format --help gpio: wave: sim exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -742,7 +742,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__read)
-            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --registers --slave --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help gpio: spi: wave: sim file:"
+            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --registers --slave --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help gpio: spi: wave: sim file: exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -910,7 +910,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help gpio: wave: sim read write dump save load"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help gpio: wave: sim exec: read write dump save load"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0

@@ -315,7 +315,8 @@ complete -c biss -n "__fish_biss_using_subcommand read" -a "gpio:\t'two GPIO lin
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
-file:\t'VCD recording, - for standard input'"
+file:\t'VCD recording, - for standard input'
+exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand scope" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
@@ -328,13 +329,16 @@ sim\t'simulated encoder'
 file:\t'a recording, which is converted'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -a "gpio:\t'two GPIO lines'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
-sim\t'simulated encoder'"
+sim\t'simulated encoder'
+exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand command" -a "gpio:\t'two GPIO lines'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
-sim\t'simulated encoder'"
+sim\t'simulated encoder'
+exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand info" -a "gpio:\t'two GPIO lines'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
-sim\t'simulated encoder'"
+sim\t'simulated encoder'
+exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand loopback" -a "sim\t'in process: every link’s way to clock, against the simulated slave'
 gpio:\t'jumpers from MA to ma-in and from slo-out to SLO'
 wave:\t'a jumper from MOSI to MISO: every bit must come back'"

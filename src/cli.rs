@@ -3,12 +3,13 @@
 use biss::ParseError;
 use biss::control::RETRIES;
 use biss::frame::Stall;
-use biss::link::Spec;
+use biss::link::{Kind, Spec};
 use biss::place::Zero;
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
 use clap::builder::Resettable;
 use clap::error::ContextKind;
+use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, ValueEnum};
 use std::env;
 use std::path::PathBuf;
@@ -176,9 +177,25 @@ pub(crate) fn typed(matches: &ArgMatches) -> Result<Command, clap::Error> {
         Some((verb, typed))
     });
     match verb {
-        Some((verb, typed)) => (verb.parse)(typed),
+        Some((verb, typed)) => {
+            runs_nothing_unasked(typed)?;
+            (verb.parse)(typed)
+        }
         None => Err(command().error(clap::error::ErrorKind::MissingSubcommand, "no verb")),
     }
+}
+
+/// A command is run for whoever has typed it, not for whoever has set a variable somewhere.
+fn runs_nothing_unasked(typed: &ArgMatches) -> Result<(), clap::Error> {
+    let link = typed.try_get_one::<Spec>("link").ok().flatten();
+    let runs = link.is_some_and(|link| matches!(link.kind, Kind::Exec(_)));
+    if runs && typed.value_source("link") == Some(ValueSource::EnvVariable) {
+        let what = format!(
+            "an exec: link runs a command, so {LINK_VARIABLE} cannot name it\n  type it behind the verb, in quotes"
+        );
+        return Err(command().error(clap::error::ErrorKind::InvalidValue, what));
+    }
+    Ok(())
 }
 
 /// What is wrong with the command line, and which variable a value came from that nobody typed.
@@ -219,6 +236,8 @@ Links:
                                          spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]                        simulated encoder; a wrong KEY lists them all
   file:PATH[,ma=NAME][,slo=NAME]         VCD recording, - for standard input
+  exec:[tick=TIME,][silence=TIME,]COMMAND
+                                         a slave in another process, such as an HDL simulator
   An option frame=FORMAT|PRESET ends the options and takes the rest.
 
 Frame format, in wire order after CDS, channels joined by +:
@@ -469,6 +488,7 @@ Links:
   gpio:[CHIP,]ma=LINE,slo=LINE  two GPIO lines
   wave:BUS.CS[,oversample=N]    spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]               simulated encoder
+  exec:[tick=TIME,]COMMAND      a slave in another process, such as an HDL simulator
   With SCLK as MA (spi) slaves cannot be asked anything.
 
 Examples:

@@ -2,6 +2,7 @@
 
 pub mod bitbang;
 pub mod bus;
+pub mod exec;
 pub mod file;
 pub mod gpio;
 pub mod sim;

@@ -22,8 +22,7 @@ fn main() -> ExitCode {
             if error.use_stderr()
                 && error.kind() != ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand =>
         {
-            output::note(cli::complaint(&error));
-            ExitCode::from(FAILED)
+            misused(&error)
         }
         // Help and version, on stdout.
         Err(error) => error.exit(),
@@ -39,8 +38,16 @@ fn typed(verb: &ArgMatches, option: &str) -> bool {
     source.flatten() == Some(ValueSource::CommandLine)
 }
 
+fn misused(error: &clap::Error) -> ExitCode {
+    output::note(cli::complaint(error));
+    ExitCode::from(FAILED)
+}
+
 fn run(matches: &ArgMatches) -> ExitCode {
-    let command = cli::typed(matches).unwrap_or_else(|error| error.exit());
+    let command = match cli::typed(matches) {
+        Ok(command) => command,
+        Err(error) => return misused(&error),
+    };
     let frame_given = matches
         .subcommand()
         .is_some_and(|(_, verb)| typed(verb, "frame"));

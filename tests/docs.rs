@@ -7,10 +7,12 @@
 //!   PATH; `$?` is the exit status of the command before it in the block, other shell state is not kept. In expected
 //!   lines `[..]` stands for anything within a line, a line `...` for any lines. `cargo run --release -- ARGS` runs as
 //!   `biss ARGS`. Where a pipeline's two ends write to the same stream its order is chance: such a biss wants `-q`.
+//!   A block with a program of `FOREIGN` is left out, and that said, where it is not installed.
 //!   Without jq, what stands before `| jq` must still succeed and print JSON Lines.
 //!   BISS_BLESS=1 writes what is printed now in the place of what is shown, where that has no `[..]` and no `...`.
 //! * `sh`: commands for hardware, never run. What a verb of biss takes there must parse, and its options must exist.
-//! * `json`: one value a line, each must parse. `text`, `toml`, `ini`: nothing.
+//! * `json`: one value a line, each must parse. `verilog`: stands so in a file of docs/exec. `text`, `toml`, `ini`:
+//!   nothing.
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 use biss::control::Failure;
@@ -28,7 +30,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-const TAGS: [&str; 6] = ["console", "sh", "text", "toml", "json", "ini"];
+const TAGS: [&str; 7] = ["console", "sh", "text", "toml", "json", "ini", "verilog"];
+
+/// Programs that pages show and biss does not need.
+const FOREIGN: [&str; 3] = ["python3", "iverilog", "vvp"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -218,6 +223,22 @@ fn installed(program: &str) -> bool {
     run(&format!("command -v {program} > /dev/null"), 0).status == 0
 }
 
+/// Whether a block needs what is not installed, and need not be.
+fn lacks(block: &Block, all: bool) -> bool {
+    let shown = |program: &str| {
+        let command = |line: &String| line.starts_with("$ ") && line.contains(program);
+        block.lines.iter().any(command)
+    };
+    let missing = FOREIGN
+        .iter()
+        .find(|program| shown(program) && !installed(program));
+    if let Some(program) = missing {
+        assert!(!all, "{program} is not installed");
+        println!("{program} is not installed: {} is not run", block.at());
+    }
+    missing.is_some()
+}
+
 /// What was printed instead of what is shown.
 #[derive(Debug, PartialEq)]
 enum Wrong {
@@ -274,6 +295,8 @@ fn blessed(text: &str, mut changes: Vec<Change>) -> String {
 #[test]
 fn console_blocks_show_what_happens() {
     let jq = installed("jq");
+    // What pages build goes there.
+    fs::create_dir_all(root().join("target")).unwrap();
     let all = std::env::var_os("BISS_TEST_ALL").is_some();
     assert!(jq || !all, "jq is not installed");
     let bless = std::env::var_os("BISS_BLESS").is_some();
@@ -291,6 +314,9 @@ fn console_blocks_show_what_happens() {
     let mut complaints = Vec::new();
     let mut changes: BTreeMap<&str, Vec<Change>> = BTreeMap::new();
     for block in &blocks {
+        if lacks(block, all) {
+            continue;
+        }
         let steps = steps(block).unwrap_or_else(|complaint| panic!("{complaint}"));
         let mut status = 0;
         for step in steps {
@@ -313,6 +339,15 @@ fn console_blocks_show_what_happens() {
     }
     println!("{ran} commands run");
     assert!(complaints.is_empty(), "{}", complaints.join("\n"));
+}
+
+#[test]
+fn verilog_is_that_of_a_file() {
+    let file = page("docs/exec/slave.v");
+    for block in blocks_tagged("verilog") {
+        let shown = block.lines.join("\n");
+        assert!(file.contains(&shown), "{} is not in the file", block.at());
+    }
 }
 
 /// The words of one shell command, quotes removed; enough for commands shown to people.

@@ -108,6 +108,8 @@ const CORE: &[&str] = &[
 const LINKS: &[&str] = &[
     "link/bitbang.rs",
     "link/bus.rs",
+    "link/exec.rs",
+    "link/exec/child.rs",
     "link/file.rs",
     "link/file/csv.rs",
     "link/file/csv/number.rs",
@@ -259,7 +261,7 @@ fn the_slave_shares_no_code_with_the_decoder() {
 #[test]
 fn links_do_not_know_each_other_nor_what_frames_mean() {
     for link in LINKS {
-        let kinds: Vec<String> = ["gpio", "spi", "wave", "sim", "file"]
+        let kinds: Vec<String> = ["gpio", "spi", "wave", "sim", "file", "exec"]
             .iter()
             .filter(|kind| !link.starts_with(&format!("link/{kind}")))
             .flat_map(|kind| [format!("super::{kind}"), format!("link::{kind}")])

@@ -33,6 +33,7 @@ Links:
   gpio:[CHIP,]ma=LINE,slo=LINE  two GPIO lines
   wave:BUS.CS[,oversample=N]    spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]               simulated encoder
+  exec:[tick=TIME,]COMMAND      a slave in another process, such as an HDL simulator
   With SCLK as MA (spi) nothing can be said to a slave.
 
 Examples:
@@ -64,6 +65,7 @@ Links:
   gpio:[CHIP,]ma=LINE,slo=LINE  two GPIO lines
   wave:BUS.CS[,oversample=N]    spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]               simulated encoder
+  exec:[tick=TIME,]COMMAND      a slave in another process, such as an HDL simulator
   With SCLK as MA (spi) nothing can be said to a slave.
 
 Exit status:

@@ -59,7 +59,7 @@ pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: boo
     let kind = &args.link.kind;
     let clocks_only = matches!(
         kind,
-        Kind::Gpio { .. } | Kind::Spi { .. } | Kind::Sim { .. }
+        Kind::Gpio { .. } | Kind::Spi { .. } | Kind::Sim { .. } | Kind::Exec(_)
     );
     let live = !matches!(kind, Kind::File { .. });
     let there = columns(&Shape {
@@ -116,7 +116,7 @@ pub(super) fn fill_in(
 ) {
     if matches!(
         link.kind,
-        Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. }
+        Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. } | Kind::Exec(_)
     ) {
         clock.get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
     }

@@ -127,6 +127,11 @@ impl<'a> Line<'a> {
                     timeout_max_ns,
                 )?)
             }
+            Kind::Exec(options) => {
+                let mut link = link::exec::open(options, signals.watch())?;
+                link.set_clock(self.clock.unwrap_or(USUAL_CLOCK))?;
+                Box::new(link)
+            }
         })
     }
 

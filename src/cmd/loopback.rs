@@ -68,6 +68,9 @@ pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
                 .to_string()
                 .replace("/dev/spidev", "biss loopback wave:")
         ),
+        Some(Kind::Exec(_)) => bail!(
+            "`biss loopback` brings a slave of its own\n  `biss read` and `biss reg` run against the one in a command"
+        ),
         Some(Kind::File { .. }) => {
             bail!("a recording has no far end\n  `biss loopback` without a link needs no hardware")
         }

@@ -224,9 +224,12 @@ impl Run<'_> {
                 summary.print(args.format);
             }
         }
+        // A child that is waited for is given up for a signal.
+        let gave_up = signal.is_some() && matches!(args.link.kind, Kind::Exec(_));
         // Whoever reads may have enough; then what was delivered counts.
         let enough = match result {
             Err(_) if gone => true,
+            Err(error) if gave_up && error.is::<biss::link::Error>() => count == 0,
             other => {
                 other?;
                 count == 0 || summary.cycles >= count

@@ -100,6 +100,11 @@ impl Session<'_> {
         (self.link, self.signals)
     }
 
+    /// A child that is waited for is given up for a signal: no failure of the machine.
+    fn gave_up(&self) -> bool {
+        self.signals.caught().is_some() && matches!(self.wire.link.kind, Kind::Exec(_))
+    }
+
     /// Keeps signals waiting.
     pub(super) fn hold(&self) -> Hold {
         self.hold.clone()
@@ -119,6 +124,7 @@ impl Session<'_> {
     /// When it is the machine's.
     pub(super) fn fail(&self, doing: &str, trouble: Trouble) -> Result<Ended> {
         match trouble {
+            Trouble::Link(_) if self.gave_up() => note(format_args!("{doing}: stopped")),
             Trouble::Link(error) => return Err(error.into()),
             Trouble::Slave { failure, fault } => note(explain(doing, failure, fault)),
             Trouble::Stopped => note(format_args!("{doing}: stopped")),
@@ -177,7 +183,7 @@ pub(super) fn can_send(link: &Spec) -> Result<()> {
                  connect MA to MOSI and take wave:{device}, or MA and SLO to two GPIO lines and take gpio:"
             )
         }
-        Kind::Gpio { .. } | Kind::Wave { .. } | Kind::Sim { .. } => Ok(()),
+        Kind::Gpio { .. } | Kind::Wave { .. } | Kind::Sim { .. } | Kind::Exec(_) => Ok(()),
     }
 }
 

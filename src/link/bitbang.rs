@@ -51,6 +51,10 @@ pub trait Pins {
     fn until(&mut self, ns: u64);
     /// How long one call of [`Pins::ma`] and of [`Pins::sl`] take.
     fn cost_ns(&self) -> (u64, u64);
+    /// The shortest time there is: MA levels last whole ones.
+    fn grain_ns(&self) -> u64 {
+        1
+    }
     /// What the user should know about how these pins run.
     fn note(&self) -> Option<String> {
         None
@@ -99,11 +103,17 @@ fn usual_period_ns(set_ns: u64) -> u64 {
     USUAL_PERIOD_NS.max(5 * set_ns)
 }
 
+/// A period of whole ticks, at least one for each level, and never a faster clock than was meant.
+fn whole(period_ns: u64, pins: &impl Pins) -> u64 {
+    let grain_ns = pins.grain_ns();
+    period_ns.div_ceil(grain_ns).max(2) * grain_ns
+}
+
 impl<P: Pins> Bang<P> {
     /// Takes over pins whose MA has just been driven high, and whose MO is.
     pub fn new(pins: P) -> Bang<P> {
         let (set_ns, _) = pins.cost_ns();
-        let period_ns = usual_period_ns(set_ns);
+        let period_ns = whole(usual_period_ns(set_ns), &pins);
         let last_edge_ns = pins.now_ns();
         Bang {
             pins,
@@ -233,7 +243,9 @@ impl<P: Pins> Bang<P> {
     /// All edges of the frame, and the levels between them.
     fn clock_out(&mut self, clocks: &Clocks, trace: &mut Trace) -> Result<Search, Error> {
         // Levels 0, 2, 4 … are low, the others high; together they make the period exactly.
-        let (low, high) = (self.period_ns / 2, self.period_ns.div_ceil(2));
+        let grain_ns = self.pins.grain_ns();
+        let low = self.period_ns / 2 / grain_ns * grain_ns;
+        let high = self.period_ns - low;
         let stretched = u64::from(clocks.stretch_ns) / 3;
         let length = |index: u32| {
             let usual = if index % 2 == 0 { low } else { high };
@@ -635,7 +647,8 @@ impl<P: Pins> Link for Bang<P> {
 
     fn set_clock(&mut self, hz: Hertz) -> Result<Clock, Error> {
         self.usual_clock = false;
-        self.period_ns = hz.period_ns().max(self.least_period_ns()).max(2);
+        let period_ns = hz.period_ns().max(self.least_period_ns());
+        self.period_ns = whole(period_ns, &self.pins);
         self.measured_ns = None;
         Ok(self.clock())
     }
@@ -650,10 +663,11 @@ impl<P: Pins> Link for Bang<P> {
         if let Some(set_ns) = median(&mut self.scratch, calls) {
             self.set_ns = set_ns;
         }
-        self.period_ns = match self.usual_clock {
+        let period_ns = match self.usual_clock {
             true => usual_period_ns(self.set_ns),
             false => self.period_ns.max(self.least_period_ns()),
         };
+        self.period_ns = whole(period_ns, &self.pins);
         Ok(self.clock())
     }
 
@@ -664,7 +678,12 @@ impl<P: Pins> Link for Bang<P> {
 
     fn notes(&self) -> Vec<String> {
         let phase = format!("SL is sampled {}", self.phase);
-        [self.pins.note(), Some(phase)]
+        let grain_ns = self.pins.grain_ns();
+        let ticks = (grain_ns > 1).then(|| {
+            let ticks = self.period_ns / grain_ns;
+            format!("a tick is {grain_ns} ns, a clock {ticks} of them")
+        });
+        [self.pins.note(), ticks, Some(phase)]
             .into_iter()
             .flatten()
             .collect()

@@ -1,10 +1,12 @@
-//! `LINK` on the command line: `gpio:0,ma=17,slo=27`, `spi:0.0`, `sim:delay=3us`, `file:bench.vcd`.
+//! `LINK` on the command line: `gpio:0,ma=17,slo=27`, `spi:0.0`, `sim:delay=3us`, `file:bench.vcd`,
+//! `exec:vvp slave.vvp`.
 
 use super::{Phase, Uapi};
 use crate::parse::ParseError;
 use crate::pattern::LEAST_SAMPLES;
 use crate::preset::Frame;
 use crate::slave::Config;
+use crate::unit::Nanos;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -71,6 +73,8 @@ pub enum Kind {
         /// Name of SLO in it.
         slo: Option<String>,
     },
+    /// A slave in another process.
+    Exec(Process),
 }
 
 /// Two more lines of the same chip, where a simulated slave sits.
@@ -82,8 +86,26 @@ pub struct Far {
     pub slo_out: String,
 }
 
+/// A slave in another process, as it is started and fed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Process {
+    /// How much time a byte stands for.
+    pub tick: Nanos,
+    /// By the wall clock: where no answer has come for so long, none is expected any more.
+    pub silence: Nanos,
+    /// What `/bin/sh -c` runs.
+    pub command: String,
+}
+
+/// A tick where nothing else is said: 125 a clock at 1 MHz.
+const TICK: Nanos = Nanos(8);
+
+/// How long an answer is waited for where nothing else is said.
+const SILENCE: Nanos = Nanos(10_000_000_000);
+
 const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE[,mo=LINE][,uapi=v1|v2]  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
-                     wave:BUS.CS[,oversample=N][,invert][,idle=low|high]  sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]";
+                     wave:BUS.CS[,oversample=N][,invert][,idle=low|high]  sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]  \
+                     exec:[tick=TIME,][silence=TIME,]COMMAND";
 
 /// One option: where it starts, and its text with `\,` already a comma.
 struct Item {
@@ -142,6 +164,10 @@ impl FromStr for Spec {
             Some((kind, _)) => (kind, kind.len() + 1),
             None => (text, text.len()),
         };
+        if kind == "exec" {
+            let kind = Parser { text, kind }.exec(from).map(Kind::Exec)?;
+            return Ok(Spec { kind, frame: None });
+        }
         let (options, frame) = match frame_at(text, from) {
             Some(at) => {
                 let format = text[at + 6..]
@@ -406,6 +432,50 @@ impl Parser<'_> {
             slo,
         })
     }
+
+    /// The command is the shell's: its commas are no separators, and nothing in it is an option of ours.
+    fn exec(&self, from: usize) -> Result<Process, ParseError> {
+        /// With a longer one no clock would be fast enough for BiSS-C: it takes two.
+        const LONGEST: Nanos = Nanos(5_000);
+        let (mut tick, mut silence) = (None, None);
+        let mut at = from;
+        loop {
+            let rest = &self.text[at.min(self.text.len())..];
+            let (name, value, twin) = match rest.split_once('=') {
+                Some((name @ "tick", value)) => (name, value, &mut tick),
+                Some((name @ "silence", value)) => (name, value, &mut silence),
+                _ => break,
+            };
+            let value = value.split_once(',').map_or(value, |(value, _)| value);
+            let value_at = at + name.len() + 1;
+            let wrong = |what: &str| {
+                let end = value_at + value.len();
+                let hint = "write it like exec:tick=10ns,silence=60s,vvp slave.vvp";
+                ParseError::new(self.text, at..end, what, hint)
+            };
+            if twin.is_some() {
+                return Err(wrong("this option is there already"));
+            }
+            let time: Nanos = value
+                .parse()
+                .map_err(|e: ParseError| e.within(self.text, value_at))?;
+            match name {
+                _ if time.0 == 0 => return Err(wrong("no time at all")),
+                "tick" if time > LONGEST => return Err(wrong("tick is 1 ns to 5 us")),
+                _ => *twin = Some(time),
+            }
+            at = value_at + value.len() + 1;
+        }
+        let command = self.text.get(at..).unwrap_or_default();
+        if command.trim().is_empty() {
+            return Err(self.missing("a command that plays the slave: exec:vvp slave.vvp"));
+        }
+        Ok(Process {
+            tick: tick.unwrap_or(TICK),
+            silence: silence.unwrap_or(SILENCE),
+            command: command.to_owned(),
+        })
+    }
 }
 
 #[cfg(test)]
@@ -489,6 +559,35 @@ mod tests {
     }
 
     #[test]
+    fn a_command_takes_the_rest() {
+        let exec = |tick, silence, command: &str| {
+            let command = command.into();
+            Kind::Exec(Process {
+                tick: Nanos(tick),
+                silence: Nanos(silence),
+                command,
+            })
+        };
+        let ten_s = 10_000_000_000;
+        for (text, kind) in [
+            ("exec:cat", exec(8, ten_s, "cat")),
+            (
+                r"exec:a\,b,frame=st8 x=y",
+                exec(8, ten_s, r"a\,b,frame=st8 x=y"),
+            ),
+            ("exec:tick=10ns,cat", exec(10, ten_s, "cat")),
+            (
+                "exec:silence=1s,tick=1us,frame=st8",
+                exec(1_000, 1_000_000_000, "frame=st8"),
+            ),
+            ("exec:ticks=1,b", exec(8, ten_s, "ticks=1,b")),
+            ("exec: tick=1us,b", exec(8, ten_s, " tick=1us,b")),
+        ] {
+            assert_eq!(spec(text), Spec { kind, frame: None }, "{text}");
+        }
+    }
+
+    #[test]
     fn errors_mark_the_place() {
         for (text, place, words) in [
             ("spy:0.0", 0..3, "unknown link `spy`"),
@@ -539,6 +638,15 @@ mod tests {
             ("gpio:0,ma=17,ma=18,slo=2", 13..18, "there already"),
             ("file:", 5..5, "needs a path"),
             ("sim:frame=st26,sx", 15..17, "unknown field"),
+            ("exec:", 5..5, "needs a command"),
+            ("exec", 4..4, "needs a command"),
+            ("exec:tick=8ns", 13..13, "needs a command"),
+            ("exec:tick=8ns, ", 15..15, "needs a command"),
+            ("exec:tick=8,cat", 10..11, "no unit"),
+            ("exec:tick=0ns,cat", 5..13, "no time"),
+            ("exec:tick=6us,cat", 5..13, "1 ns to 5 us"),
+            ("exec:tick=1ns,tick=1ns,cat", 14..22, "there already"),
+            ("exec:silence=0s,cat", 5..15, "no time"),
         ] {
             let error = text.parse::<Spec>().unwrap_err();
             assert_eq!(error.span(), place, "{error}");
@@ -552,8 +660,8 @@ mod tests {
         println!("seed {seed}");
         let mut rng = fastrand::Rng::with_seed(seed);
         let parts = [
-            "gpio:", "spi:", "wave:", "sim:", "file:", "ma=", "slo=", "mo=", "uapi=", "v2", "0.0",
-            ",", "\\", "=", "frame=", "st26", "é", "delay=", "1us", "phase=",
+            "gpio:", "spi:", "wave:", "sim:", "file:", "exec:", "tick=", "ma=", "slo=", "mo=",
+            "uapi=", "v2", "0.0", ",", "\\", "=", "frame=", "st26", "é", "delay=", "1us", "phase=",
         ];
         for _ in 0..20_000 {
             let text: String = (0..rng.usize(0..9))
