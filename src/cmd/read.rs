@@ -187,7 +187,9 @@ impl Run<'_> {
             master.keep_waveform();
         }
         self.printer.borrow_mut().header().map_err(writing)?;
-        self.open(&mut master)?;
+        if let Err(error) = self.open(&mut master) {
+            return self.give_up(error);
+        }
         let unix_us = unix_us() - i128::from(master.link().now_ns()) / 1000;
         self.printer.borrow_mut().epoch(unix_us);
         let args = self.args;
@@ -224,12 +226,10 @@ impl Run<'_> {
                 summary.print(args.format);
             }
         }
-        // A child that is waited for is given up for a signal.
-        let gave_up = signal.is_some() && matches!(args.link.kind, Kind::Exec(_));
         // Whoever reads may have enough; then what was delivered counts.
         let enough = match result {
             Err(_) if gone => true,
-            Err(error) if gave_up && error.is::<biss::link::Error>() => count == 0,
+            Err(error) if self.gave_up(&error) => count == 0,
             other => {
                 other?;
                 count == 0 || summary.cycles >= count
@@ -247,6 +247,24 @@ impl Run<'_> {
         let fields = self.args.fields.as_deref().unwrap_or_default();
         let asked = fields.split(',').any(|name| name == "busy_ns");
         recorded(self.args) && (self.args.verbose || asked)
+    }
+
+    /// Whether a child that was waited for has been given up for a signal: no failure of the machine.
+    fn gave_up(&self, error: &anyhow::Error) -> bool {
+        let child = matches!(self.args.link.kind, Kind::Exec(_));
+        child && self.signals.caught().is_some() && error.is::<biss::link::Error>()
+    }
+
+    /// The end before the first record.
+    fn give_up(&self, error: anyhow::Error) -> Result<Ended> {
+        if !self.gave_up(&error) {
+            return Err(error);
+        }
+        note(&error);
+        Ok(Ended {
+            outcome: Outcome::Bad,
+            signal: self.signals.caught(),
+        })
     }
 
     /// Back to back is not closer than the encoder bears. An interval below that was asked for, and warned of.
