@@ -417,20 +417,70 @@ fn a_slave_in_python_counts() {
     }
 }
 
-#[test]
-fn a_slave_in_verilog_counts() {
+/// Compiles Verilog, if it can be.
+fn compiled(name: &str, text: &str) -> Option<String> {
     if !installed("iverilog") || !installed("vvp") {
-        return;
+        return None;
     }
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    let made = folder.join("slave.vvp");
+    let (source, made) = (
+        folder.join(format!("{name}.v")),
+        folder.join(format!("{name}.vvp")),
+    );
+    std::fs::write(&source, text).unwrap();
     let output = Command::new("iverilog")
         .args(["-g2005", "-Wall", "-o"])
-        .arg(&made)
-        .arg("docs/exec/slave.v")
+        .args([&made, &source])
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && said.is_empty(), "{said}");
-    counts(&format!("vvp -n {}", made.display()));
+    Some(made.display().to_string())
+}
+
+const VERILOG: &str = include_str!("../docs/exec/slave.v");
+
+#[test]
+fn a_slave_in_verilog_counts() {
+    if let Some(made) = compiled("slave", VERILOG) {
+        counts(&format!("vvp -n {made}"));
+    }
+}
+
+/// What the simulator dumps is a recording of what the master saw. Its own messages want another way than SLO's.
+#[test]
+fn a_dump_of_the_simulator_reads_back() {
+    let dump = Path::new(env!("CARGO_TARGET_TMPDIR")).join("dump.vcd");
+    let mut text = VERILOG.to_owned();
+    for (old, new) in [
+        (", STDOUT = 32'h8000_0001;", ";\n  integer STDOUT;"),
+        (
+            "    ma = 1;\n",
+            "    ma = 1;\n    STDOUT = $fopen(\"/dev/fd/3\", \"w\");\n",
+        ),
+        (
+            "  wire ma, slo;\n",
+            &format!(
+                "  wire ma, slo;\n  initial begin $dumpfile(\"{}\"); $dumpvars(0, bench); end\n",
+                dump.display()
+            ),
+        ),
+    ] {
+        assert_eq!(text.matches(old).count(), 1, "{old}");
+        text = text.replace(old, new);
+    }
+    let Some(made) = compiled("dump", &text) else {
+        return;
+    };
+    let fields = ["-f", "st16,nE,nW,crc6", "-F", "pos"];
+    let link = format!("exec:vvp -n {made} 3>&1 >&2");
+    let (live, said, status) = read(&link, &[&fields[..], &["-n", "5"]].concat());
+    assert_eq!(status, Some(0), "{said}");
+    assert!(said.contains("VCD info"), "{said}");
+    let recorded = format!("file:{},ma=bench.ma,slo=bench.slo", dump.display());
+    let (all, said, status) = read(&recorded, &fields);
+    assert_eq!(status, Some(0), "{said}");
+    assert_eq!(live.lines().count(), 5);
+    // The frames before them, by which the encoder was learned, are there as well.
+    assert!(all.ends_with(&live) && all.lines().count() > 5, "{all}");
 }
