@@ -24,7 +24,7 @@ impl Record<'_> {
         } else if let Some(fault) = self.fault() {
             separate(out);
             paint(out, color, AnsiColor::Red, format_args!("fault {fault}"))?;
-            if let Some((first, last)) = self.clocks() {
+            if let Some((first, last)) = self.clocks().filter(|_| self.verbose) {
                 write!(out, " (clocks {first} to {last})")?;
             }
         }
