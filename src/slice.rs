@@ -519,8 +519,17 @@ impl Slicer {
         rest > period * 5 / 4
     }
 
+    /// Whether the next rising edge would have come before: one that comes with SL = 1 then releases CDM = 1.
+    fn is_late(&self, t_ns: u64) -> bool {
+        let known = self.cycle.begin != Begin::Unknown;
+        let last = self.cycle.rises.last().zip(self.cycle.period());
+        let delay = self.cycle.delay().unwrap_or(0);
+        last.is_some_and(|(last, period)| known && t_ns - last > delay + period * 7 / 4)
+    }
+
     fn ma_changes(&mut self, t_ns: u64, ma: bool) {
-        if let Some(at) = self.let_go.take().filter(|_| !ma) {
+        let ends = |slicer: &Slicer, at: &u64| !ma || slicer.is_late(*at);
+        if let Some(at) = self.let_go.take().filter(|at| ends(self, at)) {
             self.ready(at);
         }
         self.ma = ma;
@@ -924,6 +933,28 @@ mod tests {
             bench.pass(1_000);
         }
         assert_eq!(bench.faults(FORMAT), [Ok(165), Ok(166), Ok(167)]);
+    }
+
+    /// Masters that see SL = 1 at once.
+    #[test]
+    fn the_release_of_cdm_may_come_with_ready() {
+        for (delay, reaction) in [("0ns", 0), ("300ns", 0), ("300ns", 100), ("2300ns", 0)] {
+            let config = CONFIG.replace("300ns", delay);
+            let mut bench = Bench::new(&config);
+            bench.pass(90_000);
+            for _ in 0..3 {
+                bench.clock(EDGES, 500);
+                bench.ma(false);
+                while let Some(at) = bench.slave.next_change() {
+                    bench.pass(at - bench.t);
+                }
+                bench.pass(reaction);
+                bench.ma(true);
+                bench.pass(1_000);
+            }
+            let all = bench.faults(FORMAT);
+            assert_eq!(all, [Ok(165), Ok(166), Ok(167)], "{delay} {reaction}");
+        }
     }
 
     #[test]
