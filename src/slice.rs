@@ -327,6 +327,11 @@ impl Slicer {
         }
     }
 
+    /// So many changes are kept for the next trace.
+    pub(crate) fn backlog(&self) -> usize {
+        self.log.as_ref().map_or(0, VecDeque::len)
+    }
+
     /// From now on [`Trace::wave`] of each cycle gets all changes, where there is one.
     pub fn keep_waveform(&mut self) {
         self.log.get_or_insert_default();

@@ -4,7 +4,7 @@
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::os::unix::net::UnixStream;
@@ -124,6 +124,18 @@ impl Read for Input {
         }
         self.file.read(buffer)
     }
+}
+
+impl Seek for Input {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+/// Whether every place in it can be read, and nothing was read so far.
+pub(crate) fn is_whole(mut file: &File) -> bool {
+    file.metadata().is_ok_and(|data| data.is_file())
+        && file.stream_position().is_ok_and(|at| at == 0)
 }
 
 /// A file to read as [`Input`], which waits for the writer of a named pipe too: then a signal ends that wait.

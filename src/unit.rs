@@ -51,7 +51,12 @@ impl Nanos {
 /// Nothing here takes longer than a day, and sums of such times stay far from overflowing.
 const LONGEST_NS: u64 = 86_400_000_000_000;
 
-const HERTZ: [(&str, u64); 3] = [("Hz", 1), ("kHz", 1_000), ("MHz", 1_000_000)];
+const HERTZ: [(&str, u64); 4] = [
+    ("Hz", 1),
+    ("kHz", 1_000),
+    ("MHz", 1_000_000),
+    ("GHz", 1_000_000_000),
+];
 const NANOS: [(&str, u64); 6] = [
     ("ns", 1),
     ("us", 1_000),

@@ -203,7 +203,12 @@ fn read_rows(text: &str, protocol: &BissC) -> (Words, Vec<String>) {
 
 fn read_vcd(text: Vec<u8>, protocol: &BissC) -> (Words, Vec<String>) {
     let timeout_ns = protocol.timeout_max_ns.into();
-    let mut link = file::open(Cursor::new(text), "text", None, None, timeout_ns).unwrap();
+    let mut link = file::open(
+        file::Input::pipe(Cursor::new(text)),
+        "text",
+        &file::Asked::new(timeout_ns),
+    )
+    .unwrap();
     all_frames(&mut link, protocol)
 }
 

@@ -50,7 +50,12 @@ static MEASURING: Measuring = Measuring;
 
 /// Reads everything: cycles, and what was said at the end.
 fn read(input: impl Read + 'static, ma: Option<&str>, slo: Option<&str>) -> (u64, String) {
-    let mut link = match file::open(input, "it", ma, slo, 40_000) {
+    let asked = file::Asked {
+        ma: ma.map(str::to_owned),
+        slo: slo.map(str::to_owned),
+        ..file::Asked::new(40_000)
+    };
+    let mut link = match file::open(file::Input::pipe(input), "it", &asked) {
         Ok(link) => link,
         Err(error) => return (0, error.to_string()),
     };

@@ -388,28 +388,60 @@ fn pieces_are_said_and_do_not_count() {
 
 #[test]
 fn signals_are_found_by_name_or_listed() {
-    let vcd = std::fs::read_to_string(path("bench", "vcd"))
-        .unwrap()
-        .replace(" MA ", " D0 ")
-        .replace(" SLO ", " D1 ");
+    let vcd = std::fs::read_to_string(path("bench", "vcd")).unwrap();
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("renamed.vcd");
-    std::fs::write(&file, vcd).unwrap();
+    let named = |ma: &str, slo: &str| {
+        let vcd = vcd.replace(" MA ", &format!(" {ma} "));
+        std::fs::write(&file, vcd.replace(" SLO ", &format!(" {slo} "))).unwrap();
+    };
     let run = |options: &str| {
         let link = format!("file:{}{options}", file.display());
-        Command::new(env!("CARGO_BIN_EXE_biss"))
-            .args(["read", &link, "-f", FRAME, "-q"])
+        let output = Command::new(env!("CARGO_BIN_EXE_biss"))
+            .args(["read", &link, "-f", FRAME])
             .output()
-            .unwrap()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), said)
     };
-    let unnamed = run("");
-    assert_eq!(unnamed.status.code(), Some(2));
-    let said = String::from_utf8_lossy(&unnamed.stderr);
+    named("D0", "D1");
+    let (status, said) = run("");
+    assert_eq!(status, Some(0), "{said}");
+    let note = "biss: MA is `bench.D0`, SLO is `bench.D1`, by behaviour\n";
+    assert!(said.starts_with(note), "{said}");
+    for options in [",ma=D0,slo=bench.D1", ",ma=0,slo=1", ",ma=bench.D0,slo=1"] {
+        let (status, said) = run(options);
+        assert!(said.starts_with("biss: 5 frames"), "{said}");
+        assert_eq!(status, Some(0));
+    }
+    let (status, said) = run(",slo=d1");
+    assert!(said.starts_with(note) && status == Some(0), "{said}");
+    for (options, words) in [
+        (",ma=D0,slo=D0", "the same signal"),
+        (
+            ",ma=D1",
+            "no signal looks or behaves like SLO; one-bit signals are: bench.D0, bench.D1",
+        ),
+        (",slo=D0", "file:PATH,ma=NAME"),
+        (
+            ",ma=D2",
+            "no signal `D2`; one-bit signals are: bench.D0, bench.D1",
+        ),
+        (",ma=2", "no signal `2`"),
+    ] {
+        let (status, said) = run(options);
+        assert!(said.contains(words), "{options}: {said}");
+        assert_eq!(status, Some(2));
+    }
+    // A name counts before a number.
+    named("1", "0");
+    assert!(run(",ma=0").1.contains("behaves like SLO"));
+    assert!(run(",ma=1,slo=0").1.starts_with("biss: 5 frames"));
+    named("clk", "SLO");
+    let (_, said) = run("");
     assert!(
-        said.contains("bench.D0, bench.D1") && said.contains("ma=NAME"),
+        said.starts_with("biss: MA is `bench.clk`, by name\n"),
         "{said}"
     );
-    assert_eq!(run(",ma=D0,slo=bench.D1").status.code(), Some(0));
-    assert_eq!(run(",ma=D0,slo=D0").status.code(), Some(2));
 }
 
 /// What `biss read file:` says of a recording: records, messages, exit status.

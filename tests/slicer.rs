@@ -233,7 +233,8 @@ fn read_vcd(levels: &[Level], end_ns: u64, protocol: &BissC) -> Read {
     let text = format!("{}#{end_ns}\n", vcd(levels));
     let input = std::io::Cursor::new(text.into_bytes());
     let timeout_ns = protocol.timeout_max_ns.into();
-    let mut link = file::open(input, "text", None, None, timeout_ns).unwrap();
+    let input = file::Input::pipe(input);
+    let mut link = file::open(input, "text", &file::Asked::new(timeout_ns)).unwrap();
     read(&mut link, protocol)
 }
 

@@ -97,7 +97,13 @@ impl<'a> Line<'a> {
                 link.set_clock(self.clock.unwrap_or(USUAL_CLOCK))?;
                 Box::new(link)
             }
-            Kind::File { path, ma, slo } => {
+            Kind::File {
+                path,
+                ma,
+                slo,
+                rate,
+                unit,
+            } => {
                 let stdin = path.as_os_str() == "-";
                 let name = if stdin {
                     "standard input".into()
@@ -110,6 +116,7 @@ impl<'a> Line<'a> {
                     )
                 };
                 let file = if stdin { sys::stdin() } else { sys::open(path) }.map_err(said)?;
+                let whole = sys::is_whole(&file);
                 let input = sys::Input::new(file, signals, flush).map_err(|e| {
                 anyhow!(
                     "waiting for input: {e}\n  is a limit of this process used up (`ulimit -a`)?"
@@ -119,13 +126,19 @@ impl<'a> Line<'a> {
                     .timeout
                     .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
                     .0;
-                Box::new(link::file::open(
-                    input,
-                    &name,
-                    ma.as_deref(),
-                    slo.as_deref(),
+                let input = if whole {
+                    link::file::Input::file(input)
+                } else {
+                    link::file::Input::pipe(input)
+                };
+                let asked = link::file::Asked {
+                    ma: ma.clone(),
+                    slo: slo.clone(),
+                    rate: *rate,
+                    unit: *unit,
                     timeout_max_ns,
-                )?)
+                };
+                Box::new(link::file::open(input, &name, &asked)?)
             }
             Kind::Exec(options) => {
                 let mut link = link::exec::open(options, signals.watch())?;

@@ -297,7 +297,11 @@ impl Run<'_> {
             drop(self.printer.borrow_mut().flush());
             master.pause(BETWEEN_TRIES_NS)?;
         }
-        if self.args.quiet || !master.link().caps().live {
+        if self.args.quiet {
+            return Ok(());
+        }
+        if !master.link().caps().live {
+            master.link().notes().iter().for_each(note);
             return Ok(());
         }
         let clock = master.link().clock();

@@ -1,9 +1,16 @@
 //! `file`: a recording of MA and SLO as a link that is not live.
 
+mod behaviour;
 mod csv;
+mod names;
+mod raw;
 mod source;
+mod sr;
+mod tape;
 mod text;
 mod vcd;
+
+pub use tape::Input;
 
 use super::{Caps, Clock, Error, Known, Link};
 use crate::slice::Slicer;
@@ -11,107 +18,296 @@ use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
 use crate::waveform::Waveform;
 use csv::Csv;
+use names::{MA, Picked, SLO, list, pick};
+use raw::Raw;
 use source::{Channel, Source};
-use std::io::{self, Cursor, Read};
+use sr::Sr;
+use tape::{Disk, Tape};
 use vcd::Vcd;
+
+/// What is known of a recording that is not in it, and what the slave is known to do.
+#[derive(Clone, Debug)]
+pub struct Asked {
+    /// Name or number of MA.
+    pub ma: Option<String>,
+    /// Name or number of SLO.
+    pub slo: Option<String>,
+    /// Samples a second, where it does not say so.
+    pub rate: Option<Hertz>,
+    /// Bytes a sample, where it is nothing but samples.
+    pub unit: Option<u8>,
+    /// The longest timeout of the slave.
+    pub timeout_max_ns: u64,
+}
+
+impl Asked {
+    /// Nothing but that timeout.
+    pub fn new(timeout_max_ns: u64) -> Asked {
+        Asked {
+            ma: None,
+            slo: None,
+            rate: None,
+            unit: None,
+            timeout_max_ns,
+        }
+    }
+}
 
 /// A recording, read as it is used.
 pub struct Recording {
     source: Box<dyn Source>,
     name: String,
+    notes: Vec<String>,
     slicer: Slicer,
     now_ns: u64,
     ended: bool,
     damage: Option<Error>,
 }
 
-const HINT: &str = "biss reads VCD, as PulseView, GTKWave, sigrok-cli -O vcd and HDL simulators write it, and CSV of logic analysers";
+const HINT: &str = "biss reads sessions of sigrok (.sr), VCD, CSV of logic analysers, and samples alone with rate=: file:PATH,rate=100MHz,ma=0,slo=1";
 
-/// Reads a recording, VCD or CSV, and finds MA and SLO in it by name. `name` is for messages, `timeout_max_ns` is the longest
-/// timeout of the slave.
+/// Reads a recording, whose kind is found from its first bytes, and finds MA and SLO in it. `name` is for messages.
 ///
 /// # Errors
-/// When it cannot be read, is neither, or has no such signals.
-pub fn open(
-    mut input: impl Read + 'static,
-    name: &str,
-    ma: Option<&str>,
-    slo: Option<&str>,
-    timeout_max_ns: u64,
-) -> Result<Recording, Error> {
+/// When it cannot be read, is of no known kind, or has no such signals.
+pub fn open(input: Input, name: &str, asked: &Asked) -> Result<Recording, Error> {
     let doing = format!("reading the header of {name}");
-    let error = |said: String| Error::new(&doing, said, HINT);
-    let head = head(&mut input).map_err(|e| error(e.to_string()))?;
-    let csv = !vcd::looks_like(&head) && csv::looks_like(&head);
-    let input = Cursor::new(head).chain(input);
-    let source: Box<dyn Source> = if csv {
-        Box::new(Csv::open(input, None).map_err(error)?)
-    } else {
-        Box::new(Vcd::open(input).map_err(error)?)
+    let reader = Reader::new(input, asked, doing)?;
+    let (mut source, bits) = reader.fresh()?;
+    let doing = &reader.doing;
+    let ma = pick(&*source, &bits.0, asked.ma.as_deref(), &MA, doing)?;
+    let slo = pick(&*source, &bits.1, asked.slo.as_deref(), &SLO, doing)?;
+    let notes = said_of_names(&ma, &slo);
+    let (ma, slo, notes) = match (ma, slo) {
+        (Picked::Sure(ma) | Picked::Usual(ma), Picked::Sure(slo) | Picked::Usual(slo)) => {
+            (ma, slo, notes)
+        }
+        (ma, slo) => {
+            drop(source);
+            let (ma, slo, note) = reader.by_behaviour(&ma, &slo)?;
+            reader.tape.let_go();
+            (source, _) = reader.fresh()?;
+            (ma, slo, vec![note])
+        }
     };
-    Recording::new(source, name.to_owned(), ma, slo, timeout_max_ns)
-}
-
-/// What tells one kind from another: the first line that is more than nothing.
-fn head(input: &mut impl Read) -> io::Result<Vec<u8>> {
-    let mut head = vec![0; 4096];
-    let mut n = 0;
-    while n < head.len() && !head[..n].trim_ascii_start().contains(&b'\n') {
-        match input.read(&mut head[n..]) {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Ok(0) => break,
-            read => n += read?,
-        }
+    reader.tape.let_go();
+    if ma.id == slo.id {
+        return Err(Error::new(
+            doing,
+            "ma and slo name the same signal",
+            "give both: file:PATH,ma=NAME,slo=NAME",
+        ));
     }
-    head.truncate(n);
-    Ok(head)
+    source.select(ma.id, slo.id);
+    Ok(Recording {
+        source,
+        name: name.to_owned(),
+        notes,
+        slicer: Slicer::new(asked.timeout_max_ns),
+        now_ns: 0,
+        ended: false,
+        damage: None,
+    })
 }
 
-impl Recording {
-    fn new(
-        mut source: Box<dyn Source>,
-        name: String,
-        ma: Option<&str>,
-        slo: Option<&str>,
-        timeout_max_ns: u64,
-    ) -> Result<Recording, Error> {
-        let doing = format!("reading the header of {name}");
-        let mut named = |name: Option<&str>| name.map_or(Vec::new(), |name| source.named(name));
-        let (bits_ma, bits_slo) = (named(ma), named(slo));
-        let ma = find(
-            source.channels(),
-            &bits_ma,
-            ma,
-            &["ma", "ma+", "ma_p", "clk", "clock", "mao"],
-            "ma",
-            &doing,
-        )?;
-        let slo = find(
-            source.channels(),
-            &bits_slo,
-            slo,
-            &["slo", "sl", "slo+", "sl+", "slo_p", "sl_p", "data"],
-            "slo",
-            &doing,
-        )?;
-        if ma == slo {
-            return Err(Error::new(
-                doing,
-                "ma and slo name the same signal",
-                "give both: file:PATH,ma=NAME,slo=NAME",
-            ));
-        }
-        source.select(ma, slo);
-        Ok(Recording {
-            source,
-            name,
-            slicer: Slicer::new(timeout_max_ns),
-            now_ns: 0,
-            ended: false,
-            damage: None,
+/// That names were taken for those of the wires.
+fn said_of_names(ma: &Picked, slo: &Picked) -> Vec<String> {
+    let usual = [(&MA, ma), (&SLO, slo)];
+    let usual = usual.iter().filter_map(|(wire, picked)| match picked {
+        Picked::Usual(channel) => Some(format!("{} is `{}`", wire.name(), channel.path)),
+        _ => None,
+    });
+    let usual: Vec<String> = usual.collect();
+    if usual.is_empty() {
+        return Vec::new();
+    }
+    vec![format!("{}, by name", usual.join(", "))]
+}
+
+/// The kinds of recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Sr,
+    Vcd,
+    Csv,
+    Raw { rate_hz: u64, unit: usize },
+}
+
+/// Opens a recording, several times if need be.
+struct Reader<'a> {
+    tape: Tape,
+    disk: Option<Disk>,
+    kind: Kind,
+    asked: &'a Asked,
+    doing: String,
+}
+
+/// What tells one kind from another.
+const HEAD: usize = 4096;
+
+/// What else bears the names that were asked for.
+type Bits = (Vec<Channel>, Vec<Channel>);
+
+impl Reader<'_> {
+    fn new(input: Input, asked: &Asked, doing: String) -> Result<Reader<'_>, Error> {
+        let (tape, disk) = input.open();
+        // The first line that is more than nothing.
+        let enough =
+            |head: &[u8]| head.starts_with(sr::MAGIC) || head.trim_ascii_start().contains(&b'\n');
+        let head = tape.head(HEAD, enough);
+        let head = head.map_err(|error| Error::new(&doing, error, HINT))?;
+        let kind = kind(&head, asked).map_err(|said| Error::new(&doing, said, HINT))?;
+        Ok(Reader {
+            tape,
+            disk,
+            kind,
+            asked,
+            doing,
         })
     }
 
+    fn fresh(&self) -> Result<(Box<dyn Source>, Bits), Error> {
+        let source = self.source();
+        let mut source = source.map_err(|said| Error::new(&self.doing, said, HINT))?;
+        let mut named =
+            |name: &Option<String>| name.as_ref().map_or(Vec::new(), |name| source.named(name));
+        let bits = (named(&self.asked.ma), named(&self.asked.slo));
+        Ok((source, bits))
+    }
+
+    fn source(&self) -> Result<Box<dyn Source>, String> {
+        if !self.tape.rewind() {
+            return Err(
+                "its header is so long that only names are looked at: say ma= and slo=".to_owned(),
+            );
+        }
+        let rate_hz = self.asked.rate.map(|rate| u64::from(rate.0));
+        let input = self.tape.clone();
+        Ok(match (self.kind, &self.disk) {
+            (Kind::Sr, Some(disk)) => Box::new(Sr::open(disk.clone(), rate_hz)?),
+            (Kind::Sr, None) => Box::new(Sr::stream(input, rate_hz)?),
+            (Kind::Vcd, _) => Box::new(Vcd::open(input)?),
+            (Kind::Csv, _) => Box::new(Csv::open(input, rate_hz)?),
+            (Kind::Raw { rate_hz, unit }, _) => Box::new(Raw::open(input, rate_hz, unit)),
+        })
+    }
+
+    fn by_behaviour(&self, ma: &Picked, slo: &Picked) -> Result<(Channel, Channel, String), Error> {
+        const SAY: &str = "say which: file:PATH,ma=NAME,slo=NAME";
+        let kept = self.tape.keep();
+        kept.map_err(|error| Error::new(&self.doing, error, HINT))?;
+        let fresh = || Ok(self.fresh()?.0);
+        let timeout_ns = self.asked.timeout_max_ns;
+        let mut pairs = behaviour::find(candidates(ma), candidates(slo), timeout_ns, fresh)?;
+        if pairs.len() > 1 {
+            let both = |(ma, slo): &behaviour::Pair| format!("{} and {}", ma.path, slo.path);
+            let all: Vec<String> = pairs.iter().map(both).collect();
+            let said = format!("several pairs behave like MA and SLO: {}", all.join(", "));
+            return Err(Error::new(&self.doing, said, SAY));
+        }
+        let Some((ma, slo)) = pairs.pop() else {
+            return Err(self.nothing_found(ma, slo));
+        };
+        let note = format!("MA is `{}`, SLO is `{}`, by behaviour", ma.path, slo.path);
+        Ok((ma, slo, note))
+    }
+
+    fn nothing_found(&self, ma: &Picked, slo: &Picked) -> Error {
+        let open: Vec<&[Channel]> = [ma, slo]
+            .into_iter()
+            .filter_map(|picked| match picked {
+                Picked::Open(channels) => Some(channels.as_slice()),
+                _ => None,
+            })
+            .collect();
+        let (what, say) = match (ma, slo) {
+            (Picked::Open(_), Picked::Open(_)) => (
+                "no two signals look or behave like MA and SLO".to_owned(),
+                "say which: file:PATH,ma=NAME,slo=NAME".to_owned(),
+            ),
+            (Picked::Open(_), _) => unlike(&MA),
+            _ => unlike(&SLO),
+        };
+        let names = list(open.first().copied().unwrap_or_default());
+        let said = format!("{what}; one-bit signals are: {names}");
+        Error::new(&self.doing, said, say)
+    }
+}
+
+fn unlike(wire: &names::Wire) -> (String, String) {
+    let what = format!("no signal looks or behaves like {}", wire.name());
+    (what, wire.say())
+}
+
+/// Those that could be it.
+fn candidates(picked: &Picked) -> &[Channel] {
+    match picked {
+        Picked::Sure(channel) | Picked::Usual(channel) => std::slice::from_ref(channel),
+        Picked::Open(channels) => channels,
+    }
+}
+
+/// What these first bytes begin.
+fn kind(head: &[u8], asked: &Asked) -> Result<Kind, String> {
+    let text = vcd::looks_like(head) || csv::looks_like(head);
+    // Samples that happen to be printable go on without an end of line.
+    let samples = asked.rate.is_some() && text && head.len() == HEAD && !head.contains(&b'\n');
+    if asked.unit.is_some() || samples {
+        return raw(asked);
+    }
+    if head.starts_with(sr::MAGIC) {
+        return Ok(Kind::Sr);
+    }
+    if vcd::looks_like(head) {
+        return match asked.rate {
+            Some(_) => Err("it is a VCD, which has times of its own: leave rate= out".to_owned()),
+            None => Ok(Kind::Vcd),
+        };
+    }
+    if csv::looks_like(head) {
+        return Ok(Kind::Csv);
+    }
+    if head.is_empty() {
+        return Err("it is empty".to_owned());
+    }
+    if asked.rate.is_some() {
+        return raw(asked);
+    }
+    Err(format!(
+        "it is no recording of a kind that biss knows: it begins with {}",
+        beginning(head)
+    ))
+}
+
+fn raw(asked: &Asked) -> Result<Kind, String> {
+    let Some(rate) = asked.rate else {
+        return Err("unit= is for samples alone, which need rate= too".to_owned());
+    };
+    let number = |name: &Option<String>| name.as_ref().and_then(|name| name.parse::<usize>().ok());
+    let highest = number(&asked.ma).max(number(&asked.slo)).unwrap_or(0);
+    let unit = asked.unit.map_or(highest / 8 + 1, usize::from);
+    if highest >= 64 {
+        return Err(format!(
+            "there is no channel {highest}: samples have up to 64"
+        ));
+    }
+    Ok(Kind::Raw {
+        rate_hz: rate.0.into(),
+        unit,
+    })
+}
+
+/// The first bytes as text, or as numbers.
+fn beginning(head: &[u8]) -> String {
+    let few = &head[..head.len().min(16)];
+    if few.iter().all(|b| b.is_ascii_graphic() || *b == b' ') {
+        return format!("`{}`", few.escape_ascii());
+    }
+    let bytes: Vec<String> = few.iter().map(|b| format!("{b:02x}")).collect();
+    bytes.join(" ")
+}
+
+impl Recording {
     fn next_trace(&mut self, trace: &mut Trace) -> bool {
         loop {
             if self.slicer.take(trace) {
@@ -126,6 +322,7 @@ impl Recording {
                 continue;
             }
             self.ended = true;
+            self.source.finish(&mut self.slicer);
             self.slicer.finish(self.source.now_ns());
             self.damage = read.err().map(|damage| {
                 Error::new(
@@ -136,72 +333,6 @@ impl Recording {
             });
         }
     }
-}
-
-fn find(
-    channels: &[Channel],
-    bits: &[Channel],
-    asked: Option<&str>,
-    usual: &[&str],
-    key: &str,
-    doing: &str,
-) -> Result<usize, Error> {
-    let say = format!("say which: file:PATH,{key}=NAME");
-    let by_name = |name: &str| -> Vec<&Channel> {
-        let exact: Vec<_> = channels
-            .iter()
-            .filter(|channel| channel.path == name || channel.name == name)
-            .collect();
-        let alike = || {
-            channels
-                .iter()
-                .filter(|channel| channel.name.eq_ignore_ascii_case(name))
-                .collect()
-        };
-        if exact.is_empty() { alike() } else { exact }
-    };
-    let found = match asked {
-        Some(name) => match by_name(name) {
-            none if none.is_empty() => bits.iter().collect(),
-            found => found,
-        },
-        None => usual
-            .iter()
-            .map(|name| by_name(name))
-            .find(|found| !found.is_empty())
-            .unwrap_or_default(),
-    };
-    let list = |found: &mut dyn Iterator<Item = &Channel>| {
-        let paths: Vec<&str> = found.map(|channel| channel.path.as_str()).collect();
-        paths.join(", ")
-    };
-    let Some(first) = found.first() else {
-        let what = match asked {
-            Some(name) => format!("no signal `{name}`"),
-            None => format!("no signal that looks like {}", key.to_uppercase()),
-        };
-        let names = list(&mut channels.iter());
-        let names = if names.is_empty() {
-            "none".to_owned()
-        } else {
-            names
-        };
-        return Err(Error::new(
-            doing,
-            format!("{what}; one-bit signals are: {names}"),
-            say,
-        ));
-    };
-    // The same signal under several names is one signal.
-    if found.iter().any(|channel| channel.id != first.id) {
-        let names = list(&mut found.iter().copied());
-        return Err(Error::new(
-            doing,
-            format!("several signals could be {}: {names}", key.to_uppercase()),
-            say,
-        ));
-    }
-    Ok(first.id)
 }
 
 impl std::fmt::Debug for Recording {
@@ -276,5 +407,9 @@ impl Link for Recording {
             self.now_ns = self.source.now_ns();
         }
         Ok(())
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
     }
 }

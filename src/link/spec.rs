@@ -6,7 +6,7 @@ use crate::parse::ParseError;
 use crate::pattern::LEAST_SAMPLES;
 use crate::preset::Frame;
 use crate::slave::Config;
-use crate::unit::Nanos;
+use crate::unit::{Hertz, Nanos};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -68,10 +68,14 @@ pub enum Kind {
     File {
         /// Where it is; `-` is standard input.
         path: PathBuf,
-        /// Name of MA in it.
+        /// Name or number of MA in it.
         ma: Option<String>,
-        /// Name of SLO in it.
+        /// Name or number of SLO in it.
         slo: Option<String>,
+        /// Samples a second, where it does not say so.
+        rate: Option<Hertz>,
+        /// Bytes a sample, where it is nothing but samples.
+        unit: Option<u8>,
     },
     /// A slave in another process.
     Exec(Process),
@@ -104,7 +108,7 @@ const TICK: Nanos = Nanos(8);
 const SILENCE: Nanos = Nanos(10_000_000_000);
 
 const KINDS: &str = "links are gpio:[CHIP,]ma=LINE,slo=LINE[,mo=LINE][,uapi=v1|v2]  spi:BUS.CS[,phase=auto|2|3][,pad=BYTES]  \
-                     wave:BUS.CS[,oversample=N][,invert][,idle=low|high]  sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME]  \
+                     wave:BUS.CS[,oversample=N][,invert][,idle=low|high]  sim[:KEY=VAL,…]  file:PATH[,ma=NAME][,slo=NAME][,rate=HZ][,unit=BYTES]  \
                      exec:[tick=TIME,][silence=TIME,]COMMAND";
 
 /// One option: where it starts, and its text with `\,` already a comma.
@@ -416,20 +420,38 @@ impl Parser<'_> {
     }
 
     fn file(&self, items: Vec<Item>) -> Result<Kind, ParseError> {
+        /// 64 channels: no logic analyser's samples are wider.
+        const MOST_UNIT: u8 = 8;
         let mut items = items.into_iter();
         let path = items.next().ok_or_else(|| self.missing("a path"))?;
-        let (mut ma, mut slo) = (None, None);
+        let (mut ma, mut slo, mut rate, mut unit) = (None, None, None, None);
         for item in items {
             match item.pair() {
+                Some(("ma" | "slo", "")) => {
+                    return Err(self.wrong(&item, "a channel has a name or a number"));
+                }
                 Some(("ma", name)) => ma = Some(name.to_owned()),
                 Some(("slo", name)) => slo = Some(name.to_owned()),
-                _ => return Err(self.unknown(&item, "ma= slo=")),
+                Some(("rate", text)) => {
+                    let hz = text.parse();
+                    rate = Some(hz.map_err(|error| self.inside(&item, error, "rate=".len()))?);
+                }
+                Some(("unit", text)) => {
+                    let fits = |n: &u8| (1..=MOST_UNIT).contains(n);
+                    let bytes = text.parse().ok().filter(fits).ok_or_else(|| {
+                        self.wrong(&item, format!("unit is 1 to {MOST_UNIT} bytes a sample"))
+                    })?;
+                    unit = Some(bytes);
+                }
+                _ => return Err(self.unknown(&item, "ma= slo= rate= unit=")),
             }
         }
         Ok(Kind::File {
             path: PathBuf::from(path.text),
             ma,
             slo,
+            rate,
+            unit,
         })
     }
 
@@ -540,8 +562,18 @@ mod tests {
             path: r"a,b\c.vcd".into(),
             ma: Some("clk".into()),
             slo: None,
+            rate: None,
+            unit: None,
         };
         assert_eq!(spec(r"file:a\,b\c.vcd,ma=clk").kind, file);
+        let raw = Kind::File {
+            path: "-".into(),
+            ma: Some("0".into()),
+            slo: Some("11".into()),
+            rate: Some(Hertz(12_500_000)),
+            unit: Some(2),
+        };
+        assert_eq!(spec("file:-,rate=12.5MHz,unit=2,ma=0,slo=11").kind, raw);
         assert!(matches!(spec("sim").kind, Kind::Sim { fast: false, .. }));
         assert_eq!(
             spec("sim:rpm=6000,motion=speed"),
@@ -637,6 +669,13 @@ mod tests {
             ),
             ("gpio:0,ma=17,ma=18,slo=2", 13..18, "there already"),
             ("file:", 5..5, "needs a path"),
+            ("file:x.bin,rate=100", 16..19, "no unit"),
+            ("file:x.bin,rate=0Hz", 16..19, "out of range"),
+            (r"file:x.bin,rate=1\,5MHz", 11..23, "unknown unit"),
+            ("file:x.bin,rate=1MHz,unit=9", 21..27, "1 to 8 bytes"),
+            ("file:x.bin,unit=0", 11..17, "1 to 8 bytes"),
+            ("file:x.bin,ma=", 11..14, "a name or a number"),
+            ("file:x.bin,clock=1MHz", 11..16, "no option `clock`"),
             ("sim:frame=st26,sx", 15..17, "unknown field"),
             ("exec:", 5..5, "needs a command"),
             ("exec", 4..4, "needs a command"),

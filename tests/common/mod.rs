@@ -1,6 +1,8 @@
 //! Shared by the integration tests.
 #![allow(dead_code, unreachable_pub, clippy::print_stdout, clippy::unwrap_used)]
 
+pub mod sampled;
+
 use fastrand::Rng;
 use serde_json::Value;
 use std::process::{Command, Output};

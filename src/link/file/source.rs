@@ -32,6 +32,11 @@ pub(super) trait Source {
         Vec::new()
     }
 
+    /// The one with this number, counted from 0, where there is no name.
+    fn numbered(&self, number: usize) -> Option<Channel> {
+        self.channels().get(number).cloned()
+    }
+
     /// Which of them are MA and SLO. Once, before anything is read.
     fn select(&mut self, ma: usize, slo: usize);
 
@@ -43,4 +48,13 @@ pub(super) trait Source {
 
     /// How far it has come.
     fn now_ns(&self) -> u64;
+
+    /// Hands over what it has kept, after the last [`Source::read`], whatever ended that.
+    fn finish(&mut self, _slicer: &mut Slicer) {}
+}
+
+/// From one sample to the next.
+pub(super) fn step_fs(rate_hz: u64) -> u64 {
+    const SECOND_FS: u64 = 1_000_000_000_000_000;
+    (SECOND_FS + rate_hz / 2) / rate_hz.max(1)
 }

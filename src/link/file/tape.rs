@@ -1,0 +1,177 @@
+//! Input that can be read from its beginning once more, as far as it was kept.
+
+use std::cell::RefCell;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::rc::Rc;
+
+/// What a recording is read from.
+pub struct Input {
+    kind: Kind,
+}
+
+enum Kind {
+    Pipe(Box<dyn Read>),
+    File(Box<dyn Both>),
+}
+
+trait Both: Read + Seek {}
+impl<T: Read + Seek> Both for T {}
+
+impl Input {
+    /// What can be read once.
+    pub fn pipe(input: impl Read + 'static) -> Input {
+        Input {
+            kind: Kind::Pipe(Box::new(input)),
+        }
+    }
+
+    /// What can be read from any place. It begins at 0.
+    pub fn file(input: impl Read + Seek + 'static) -> Input {
+        Input {
+            kind: Kind::File(Box::new(input)),
+        }
+    }
+
+    /// Both ways to read it, where there are two. They move each other.
+    pub(super) fn open(self) -> (Tape, Option<Disk>) {
+        match self.kind {
+            Kind::Pipe(input) => (Tape::new(input), None),
+            Kind::File(input) => {
+                let disk = Disk(Rc::new(RefCell::new(input)));
+                (Tape::new(Box::new(disk.clone())), Some(disk))
+            }
+        }
+    }
+}
+
+impl std::fmt::Debug for Input {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self.kind {
+            Kind::Pipe(_) => "Input::pipe",
+            Kind::File(_) => "Input::file",
+        })
+    }
+}
+
+/// A file with several readers, of which one is used at a time.
+#[derive(Clone)]
+pub(super) struct Disk(Rc<RefCell<Box<dyn Both>>>);
+
+impl Read for Disk {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.borrow_mut().read(buffer)
+    }
+}
+
+impl Seek for Disk {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.borrow_mut().seek(to)
+    }
+}
+
+/// Keeps what is read, until it is let go or too much. Its clones share one place.
+#[derive(Clone)]
+pub(super) struct Tape(Rc<RefCell<Kept>>);
+
+struct Kept {
+    input: Box<dyn Read>,
+    bytes: Vec<u8>,
+    at: usize,
+    /// What is read is added to `bytes`.
+    keeps: bool,
+    /// Ends where `bytes` do.
+    ends: bool,
+    /// Something was read that is not in `bytes`.
+    lost: bool,
+}
+
+/// Most that is kept.
+const KEPT: usize = 4 << 20;
+/// Most that is kept unasked: a longer header is of so many signals that nobody looks at what each of them does.
+const KEPT_HEADER: usize = 1 << 20;
+
+impl Tape {
+    fn new(input: Box<dyn Read>) -> Tape {
+        Tape(Rc::new(RefCell::new(Kept {
+            input,
+            bytes: Vec::new(),
+            at: 0,
+            keeps: true,
+            ends: false,
+            lost: false,
+        })))
+    }
+
+    /// The first bytes, so many or all, as far as `enough` wants them.
+    pub(super) fn head(&self, most: usize, enough: impl Fn(&[u8]) -> bool) -> io::Result<Vec<u8>> {
+        let kept = &mut *self.0.borrow_mut();
+        while kept.bytes.len() < most && !enough(&kept.bytes) {
+            if kept.more(most - kept.bytes.len())? == 0 {
+                break;
+            }
+        }
+        Ok(kept.bytes[..kept.bytes.len().min(most)].to_vec())
+    }
+
+    /// Reads as much as can be kept, and ends behind that until it is let go.
+    pub(super) fn keep(&self) -> io::Result<()> {
+        let kept = &mut *self.0.borrow_mut();
+        while kept.bytes.len() < KEPT && kept.more(KEPT - kept.bytes.len())? > 0 {}
+        kept.ends = true;
+        Ok(())
+    }
+
+    /// Back to the beginning. False where that is gone.
+    pub(super) fn rewind(&self) -> bool {
+        let mut kept = self.0.borrow_mut();
+        kept.at = 0;
+        !kept.lost
+    }
+
+    /// What comes next is read once.
+    pub(super) fn let_go(&self) {
+        let mut kept = self.0.borrow_mut();
+        (kept.keeps, kept.ends) = (false, false);
+    }
+}
+
+impl Kept {
+    /// Reads on and keeps it.
+    fn more(&mut self, most: usize) -> io::Result<usize> {
+        let from = self.bytes.len();
+        self.bytes.resize(from + most.min(BLOCK), 0);
+        let read = loop {
+            match self.input.read(&mut self.bytes[from..]) {
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                read => break read,
+            }
+        };
+        self.bytes.truncate(from + *read.as_ref().unwrap_or(&0));
+        read
+    }
+}
+
+const BLOCK: usize = 64 << 10;
+
+impl Read for Tape {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let kept = &mut *self.0.borrow_mut();
+        if kept.at == kept.bytes.len() {
+            if kept.ends {
+                return Ok(0);
+            }
+            if !kept.keeps || kept.bytes.len() >= KEPT_HEADER {
+                (kept.bytes, kept.at) = (Vec::new(), 0);
+                (kept.keeps, kept.lost) = (false, true);
+                return kept.input.read(buffer);
+            }
+            if kept.more(buffer.len().min(KEPT_HEADER - kept.bytes.len()))? == 0 {
+                return Ok(0);
+            }
+        }
+        let mut rest = &kept.bytes[kept.at..];
+        let n = rest.read(buffer)?;
+        kept.at += n;
+        Ok(n)
+    }
+}
