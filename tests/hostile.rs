@@ -55,7 +55,11 @@ fn read(input: impl Read + 'static, ma: Option<&str>, slo: Option<&str>) -> (u64
         slo: slo.map(str::to_owned),
         ..file::Asked::new(40_000)
     };
-    let mut link = match file::open(file::Input::pipe(input), "it", &asked) {
+    read_as(file::Input::pipe(input), &asked)
+}
+
+fn read_as(input: file::Input, asked: &file::Asked) -> (u64, String) {
+    let mut link = match file::open(input, "it", asked) {
         Ok(link) => link,
         Err(error) => return (0, error.to_string()),
     };
@@ -241,4 +245,84 @@ fn spoiled_recordings_end_in_peace() {
         cycles += n;
     }
     println!("{good} read to the end, {cycles} cycles");
+}
+
+/// Sessions and samples alone, from a file and from a pipe, with names and without.
+#[test]
+fn spoiled_samples_end_in_peace() {
+    use common::sampled;
+    let mut rng = common::rng();
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
+    let kept = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    let raw = kept("far.bin");
+    let metadata = sampled::METADATA.replace("RATE", "20 MHz");
+    let entries: [(&str, &[u8]); 4] = [
+        ("version", b"2"),
+        ("metadata", metadata.as_bytes()),
+        ("logic-1-1", &raw[..2_000]),
+        ("logic-1-2", &raw[2_000..]),
+    ];
+    let stored = sampled::zip(&entries, zip::CompressionMethod::Stored);
+    let noise: Vec<u8> = (0..1 << 15).map(|_| rng.u8(..)).collect();
+    let all = [kept("bench.sr"), kept("unnamed.sr"), stored, raw, noise];
+    let (mut good, mut cycles) = (0, 0);
+    for _ in 0..common::size(300) {
+        let kind = if rng.u8(..50) == 0 { 4 } else { rng.usize(..4) };
+        let mut bytes = all[kind].clone();
+        for _ in 0..rng.usize(..3) {
+            spoil(&mut rng, &mut bytes);
+        }
+        let asked = file::Asked {
+            ma: rng.bool().then(|| "0".to_owned()),
+            slo: rng.bool().then(|| "1".to_owned()),
+            rate: (kind > 2).then_some(biss::unit::Hertz(20_000_000)),
+            unit: rng.bool().then(|| rng.u8(1..=8)).filter(|_| kind > 2),
+            timeout_max_ns: 40_000,
+        };
+        let input = Cursor::new(bytes);
+        let input = if rng.bool() {
+            file::Input::file(input)
+        } else {
+            file::Input::pipe(input)
+        };
+        let before = LIVE.get();
+        PEAK.set(before);
+        let (n, said) = read_as(input, &asked);
+        let peak = PEAK.get() - before;
+        // What noise does is looked at change by change.
+        let most = if kind == 4 { 24 << 20 } else { 8 << 20 };
+        assert!(peak < most, "{kind}: {peak} bytes: {said}");
+        good += u64::from(said.is_empty());
+        cycles += n;
+    }
+    println!("{good} read to the end, {cycles} cycles");
+}
+
+/// A rest that is packed well, in one part and in many.
+#[test]
+fn a_session_is_read_within_little_memory() {
+    use common::sampled;
+    let part = vec![3u8; 8 << 20];
+    let metadata = sampled::METADATA.replace("RATE", "20 MHz");
+    for (parts, size) in [(1, 8 << 20), (16, 4 << 20), (2_000, 1 << 10)] {
+        let names: Vec<String> = (1..=parts).map(|n| format!("logic-1-{n}")).collect();
+        let mut entries: Vec<(&str, &[u8])> = vec![("metadata", metadata.as_bytes())];
+        entries.extend(names.iter().map(|name| (name.as_str(), &part[..size])));
+        let bytes = sampled::zip(&entries, zip::CompressionMethod::Deflated);
+        for pipe in [false, true] {
+            let input = Cursor::new(bytes.clone());
+            let input = if pipe {
+                file::Input::pipe(input)
+            } else {
+                file::Input::file(input)
+            };
+            let before = LIVE.get();
+            PEAK.set(before);
+            let (cycles, said) = read_as(input, &file::Asked::new(40_000));
+            let peak = PEAK.get() - before;
+            println!("{parts} parts: {peak} bytes");
+            assert_eq!((cycles, said.as_str()), (0, ""));
+            assert!(peak < 8 << 20, "{parts} parts: {peak} bytes");
+        }
+    }
 }

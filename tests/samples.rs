@@ -396,3 +396,163 @@ fn samples_alone_need_a_rate_and_whole_samples() {
         file.1
     );
 }
+
+/// A wire, sample by sample.
+type Wire = Vec<bool>;
+
+/// MA and SLO of an encoder that is read now and then, so many samples, from anywhere in a frame on.
+fn encoder(rng: &mut fastrand::Rng, step_ns: u64, count: usize) -> [Wire; 2] {
+    let half_ns = step_ns * rng.u64(4..=25);
+    let timeout_ns = 20_000.max(5 * half_ns);
+    let delay_ns = if rng.bool() { 0 } else { rng.u64(..3_000) };
+    let (pos, timeout_us) = (rng.u32(..1 << 26), timeout_ns.div_ceil(1000));
+    let config = format!(
+        "motion=speed,rpm={},pos={pos},timeout={timeout_us}us,delay={delay_ns}ns,frame={FRAME}",
+        rng.u32(1..20_000)
+    );
+    let config: biss::slave::Config = config.parse().unwrap_or_else(|e| panic!("{e}"));
+    let mut slave = biss::slave::Slave::new(config);
+    // LAT, Ack, start, CDS, data, CRC, stop, and what is under way.
+    let clocks = 39 + delay_ns / (2 * half_ns) + rng.u64(1..4);
+    let least_ns = 2 * timeout_ns + delay_ns;
+    let mut next_ns = rng.u64(least_ns..2 * least_ns);
+    let (mut level, mut left) = (true, 2 * clocks);
+    let skipped = rng.usize(..count / 2);
+    let (mut ma, mut slo) = (Wire::new(), Wire::new());
+    for at in 0..skipped + count {
+        let t_ns = at as u64 * step_ns;
+        if t_ns >= next_ns {
+            level = !level;
+            slave.ma(t_ns, level);
+            left -= 1;
+            next_ns = t_ns + half_ns;
+            if left == 0 {
+                left = 2 * clocks;
+                next_ns = t_ns + rng.u64(least_ns..2 * least_ns);
+            }
+        }
+        ma.push(level);
+        slo.push(slave.slo(t_ns));
+    }
+    [ma, slo].map(|wire| wire[skipped..].to_vec())
+}
+
+/// Something else, on one wire or two.
+fn other(rng: &mut fastrand::Rng, count: usize, ma: &Wire) -> Vec<Wire> {
+    let wire = |level: &mut dyn FnMut(usize) -> bool| (0..count).map(level).collect::<Wire>();
+    match rng.u8(..6) {
+        0 => {
+            let level = rng.bool();
+            vec![wire(&mut |_| level)]
+        }
+        1 => {
+            let (half, from) = (rng.usize(2..60), rng.usize(..60));
+            vec![
+                wire(&mut |at| (at + from) / half % 2 == 1),
+                wire(&mut |at| (at + from) / half % 4 > 1),
+            ]
+        }
+        2 => {
+            let mut level = rng.bool();
+            let rare = rng.usize(2..400);
+            vec![wire(&mut |_| {
+                level ^= rng.usize(..rare) == 0;
+                level
+            })]
+        }
+        // The other wire of its pair.
+        3 => vec![ma.iter().map(|level| !level).collect()],
+        4 => {
+            // An I²C or SPI bus: a clock that rests high, data with its falling edges.
+            let half = rng.usize(4..20);
+            let (mut clock, mut data) = (Wire::new(), Wire::new());
+            while clock.len() < count {
+                let rest = rng.usize(40 * half..200 * half);
+                clock.extend(std::iter::repeat_n(true, rest));
+                data.extend(std::iter::repeat_n(true, rest));
+                for _ in 0..8 * rng.usize(1..6) {
+                    let bit = rng.bool();
+                    for level in [false, true] {
+                        clock.extend(std::iter::repeat_n(level, half));
+                        data.extend(std::iter::repeat_n(bit, half));
+                    }
+                }
+            }
+            clock.truncate(count);
+            data.truncate(count);
+            vec![clock, data]
+        }
+        // A trigger with each frame.
+        _ => {
+            let mut until = 0;
+            vec![wire(&mut |at| {
+                if !ma[at] && at >= until {
+                    until = at + 2000;
+                }
+                at + 1950 < until
+            })]
+        }
+    }
+}
+
+#[test]
+fn ma_and_slo_are_found_among_others() {
+    use biss::link::{Link, file};
+    let mut rng = common::rng();
+    let (mut alone, mut twice) = (0, 0);
+    for round in 0..common::size(60) {
+        let step_ns = rng.u64(10..50);
+        let count = 1_200_000 / step_ns as usize;
+        let [ma, slo] = encoder(&mut rng, step_ns, count);
+        let second = rng.u8(..5) == 0;
+        let mut wires = vec![ma.clone(), slo];
+        if second {
+            wires.extend(encoder(&mut rng, step_ns, count));
+        }
+        while wires.len() < 8 {
+            wires.extend(other(&mut rng, count, &ma));
+        }
+        wires.truncate(8);
+        let mut places: Vec<usize> = (0..8).collect();
+        rng.shuffle(&mut places);
+        let sample = |at: usize| {
+            let bit = |(wire, place): (&Wire, &usize)| u8::from(wire[at]) << place;
+            wires
+                .iter()
+                .zip(&places)
+                .map(bit)
+                .fold(0, |all, bit| all | bit)
+        };
+        let samples: Vec<u8> = (0..count).map(sample).collect();
+        let asked = file::Asked {
+            rate: Some(biss::unit::Hertz((1_000_000_000 / step_ns) as u32)),
+            unit: Some(1),
+            ..file::Asked::new(40_000.max(step_ns * 25 * 8))
+        };
+        let input = file::Input::pipe(std::io::Cursor::new(samples));
+        let found = file::open(input, "it", &asked);
+        let pair = |ma: usize, slo: usize| (places[ma], places[slo]);
+        let first = pair(0, 1);
+        match found {
+            Ok(link) if !second => {
+                let want = format!("MA is `{}`, SLO is `{}`, by behaviour", first.0, first.1);
+                assert_eq!(link.notes(), [want], "{round}");
+                alone += 1;
+            }
+            Err(error) if second => {
+                for (ma, slo) in [first, pair(2, 3)] {
+                    let words = format!("{ma} and {slo}");
+                    assert!(error.said().contains(&words), "{round}: {words}: {error}");
+                }
+                assert!(
+                    error.said().starts_with("several pairs"),
+                    "{round}: {error}"
+                );
+                twice += 1;
+            }
+            Ok(link) => panic!("{round}: {first:?} of two: {:?}", link.notes()),
+            Err(error) => panic!("{round}: {first:?}: {error}"),
+        }
+    }
+    println!("{alone} found, {twice} left open");
+}

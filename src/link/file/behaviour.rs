@@ -6,7 +6,7 @@
 
 use super::source::{Channel, Source};
 use crate::slice::Slicer;
-use crate::trace::{Cut, Trace};
+use crate::trace::Trace;
 use crate::waveform::Change;
 
 /// Two channels that behave like MA and SLO.
@@ -18,12 +18,12 @@ const MOST_CHANNELS: usize = 64;
 const MOST_READS: usize = 256;
 /// So many good cycles are enough.
 const ENOUGH: u32 = 64;
-/// Most changes between the ends of two cycles. Above that it is noise, or MA never rests.
+/// Most changes between the ends of two cycles, or before MA rests. Above that it is noise, or MA never rests.
 const MOST_CHANGES: usize = 1 << 16;
 /// LAT, Ack, start, CDS, one bit of data, stop.
 const LEAST_CLOCKS: usize = 6;
 
-/// All pairs that fit, of those that could be MA and those that could be SLO. `fresh` opens the recording anew.
+/// All pairs that fit about as well as the best, of those that could be MA and those that could be SLO. `fresh` opens the recording anew.
 ///
 /// # Errors
 /// When it cannot be opened anew.
@@ -36,23 +36,27 @@ pub(super) fn find<E>(
     let (ma, slo) = (once(ma), once(slo));
     let mut pairs = Vec::new();
     if ma.len().max(slo.len()) > MOST_CHANNELS {
-        return Ok(pairs);
+        return Ok(Vec::new());
     }
     for ma in ma {
         let mut source = fresh()?;
         source.select(ma.id, ma.id);
-        if !judge(&mut *source, timeout_ns, is_clocked).fits() {
+        if !comes_in_bursts(&mut *source, timeout_ns) {
             continue;
         }
         for slo in slo.iter().filter(|slo| slo.id != ma.id) {
             let mut source = fresh()?;
             source.select(ma.id, slo.id);
-            if judge(&mut *source, timeout_ns, is_answered).fits() {
-                pairs.push((ma.clone(), slo.clone()));
+            let score = judge(&mut *source, timeout_ns);
+            if score.fits() {
+                pairs.push((score.good, (ma.clone(), slo.clone())));
             }
         }
     }
-    Ok(pairs)
+    // Chance lets one cycle or two look like a frame.
+    let best = pairs.iter().map(|(good, _)| *good).max();
+    pairs.retain(|(good, _)| best.is_some_and(|best| 4 * good >= best));
+    Ok(pairs.into_iter().map(|(_, pair)| pair).collect())
 }
 
 /// Each signal once, whatever it is called.
@@ -84,16 +88,75 @@ impl Score {
     }
 }
 
-/// What a cycle says of the two channels; `None` is nothing.
-type Verdict = fn(&Trace, &Cycle) -> Option<bool>;
-
-fn judge(source: &mut dyn Source, timeout_ns: u64, verdict: Verdict) -> Score {
+/// For cycles with all that came between them.
+fn slicer(timeout_ns: u64) -> (Slicer, Trace) {
     let mut slicer = Slicer::new(timeout_ns);
     slicer.keep_waveform();
-    let mut trace = Trace {
+    let trace = Trace {
         wave: Some(Box::default()),
         ..Trace::default()
     };
+    (slicer, trace)
+}
+
+/// Whether this could be MA: a rest, high, and clocks after it that are shorter.
+fn comes_in_bursts(source: &mut dyn Source, timeout_ns: u64) -> bool {
+    let (mut slicer, mut trace) = slicer(timeout_ns);
+    let mut recent: Vec<Change> = Vec::new();
+    let mut seen = 0;
+    for _ in 0..MOST_READS {
+        let more = source.read(&mut slicer) == Ok(true);
+        if !more {
+            source.finish(&mut slicer);
+        }
+        // Without SLO nobody knows where a cycle ends: it does here.
+        slicer.gap(source.now_ns());
+        while slicer.take(&mut trace) {
+            let wave = trace.wave.as_ref();
+            let changes = wave.map_or(&[][..], |wave| &wave.changes);
+            // A rest lies between two of them.
+            recent.extend_from_slice(changes);
+            seen += changes.len();
+            if has_burst(&recent) {
+                return true;
+            }
+            recent.drain(..recent.len().saturating_sub(4 * LEAST_CLOCKS));
+        }
+        if !more || seen > MOST_CHANGES {
+            break;
+        }
+    }
+    false
+}
+
+fn has_burst(changes: &[Change]) -> bool {
+    let edges = changes.windows(2).filter(|pair| pair[0].ma != pair[1].ma);
+    let edges: Vec<u64> = edges.map(|pair| pair[1].t_ns).collect();
+    // Two edges a clock, from one that ends a rest on.
+    let Some(first) = changes.first() else {
+        return false;
+    };
+    let falls = (0..edges.len()).filter(|at| (at % 2 == 0) == first.ma);
+    falls.into_iter().any(|fall| {
+        let before = if fall == 0 {
+            first.t_ns
+        } else {
+            edges[fall - 1]
+        };
+        let rest_ns = edges[fall] - before;
+        let clocks = edges.get(fall..fall + 2 * LEAST_CLOCKS);
+        clocks.is_some_and(|edges| {
+            let periods = edges.windows(3).map(|three| three[2] - three[0]);
+            // The first clock may be stretched. The others are of one clock, and noise is not.
+            let shortest = periods.clone().skip(3).min().unwrap_or(0);
+            let longest = periods.clone().skip(3).max().unwrap_or(0);
+            longest <= 2 * shortest && periods.max().is_some_and(|longest| 2 * longest <= rest_ns)
+        })
+    })
+}
+
+fn judge(source: &mut dyn Source, timeout_ns: u64) -> Score {
+    let (mut slicer, mut trace) = slicer(timeout_ns);
     let mut score = Score::default();
     let mut cycle = Cycle::default();
     for _ in 0..MOST_READS {
@@ -104,7 +167,7 @@ fn judge(source: &mut dyn Source, timeout_ns: u64, verdict: Verdict) -> Score {
         }
         while slicer.take(&mut trace) {
             cycle.take(&trace);
-            match verdict(&trace, &cycle) {
+            match is_answered(&trace, &cycle) {
                 Some(true) => {
                     score.good += 1;
                     score.rested |= cycle.has_rested(&trace);
@@ -174,16 +237,7 @@ impl Cycle {
     }
 }
 
-/// Whether this could be MA.
-fn is_clocked(trace: &Trace, cycle: &Cycle) -> Option<bool> {
-    // Where one cycle ends and the next begins SLO says too: this may be several, up to the end.
-    let good = trace.cut != Some(Cut::Begin)
-        && cycle.rises.len() >= LEAST_CLOCKS
-        && cycle.has_rested(trace);
-    good.then_some(true)
-}
-
-/// Whether SLO answers MA.
+/// Whether SLO answers MA; `None` is that this cycle does not tell.
 fn is_answered(trace: &Trace, cycle: &Cycle) -> Option<bool> {
     let silent = cycle.slo.is_empty() && trace.idle == Some(true) && !cycle.strayed;
     let unknown = cycle.slo.iter().any(|(_, level)| level.is_none());

@@ -27,11 +27,13 @@ pub(super) struct Sr {
     channels: Vec<Channel>,
     scanner: Option<Scanner>,
     body: Option<Body>,
-    /// What has come of it and was not handed over, and how much that is.
+    /// What has come of it, how much that is, and how much of it was handed over.
     held: Vec<u8>,
     filled: usize,
-    /// Whether it was looked through before.
-    checked: bool,
+    given: usize,
+    /// All of it is good; and what is wrong behind it.
+    good: bool,
+    after: Option<Damage>,
     /// Number of the next chunk; `None` when there is only one, and that has begun.
     next: Option<u64>,
     /// What is wrong at the end of the file.
@@ -103,7 +105,9 @@ impl Sr {
             body: None,
             held: Vec::new(),
             filled: 0,
-            checked: false,
+            given: 0,
+            good: false,
+            after: None,
             next: Some(1),
             broken: None,
         })
@@ -139,24 +143,31 @@ impl Sr {
                     return Err(self.between(said));
                 }
             }
-            self.checked = entry.size <= HELD as u64 || self.check(&entry)?;
+            // All at once: grown bit by bit it would take twice as much.
+            let room = BLOCK + usize::try_from(entry.size).map_or(HELD, |size| size.min(HELD));
+            if self.held.len() < room {
+                self.held = Vec::new();
+                self.held = vec![0; room];
+            }
+            if entry.size > HELD as u64 {
+                self.check(&entry)?;
+            }
             self.body = Some(Body::new(entry));
             return Ok(true);
         }
     }
 
-    /// Looks through an entry that is too large to be held, and returns. False where it cannot return.
-    fn check(&mut self, entry: &Entry) -> Result<bool, Damage> {
+    /// Looks through an entry that is too large to be held, and returns, where that is possible.
+    fn check(&mut self, entry: &Entry) -> Result<(), Damage> {
         let damage = |wrong: Wrong, at| damage(entry, at, wrong.said());
         if !self
             .archive
             .again(entry)
             .map_err(|wrong| damage(wrong, 0))?
         {
-            return Ok(false);
+            return Ok(());
         }
         let mut body = Body::new(entry.clone());
-        self.held.resize(self.held.len().max(BLOCK), 0);
         loop {
             match body.read(self.archive.input(), &mut self.held) {
                 Ok(0) => break,
@@ -166,7 +177,8 @@ impl Sr {
                 Err(wrong) => return Err(damage(wrong, body.out)),
             }
         }
-        self.archive.again(entry).map_err(|wrong| damage(wrong, 0))
+        let again = self.archive.again(entry);
+        again.map(drop).map_err(|wrong| damage(wrong, 0))
     }
 
     /// Damage where the next chunk should be.
@@ -179,8 +191,25 @@ impl Sr {
         Damage { place, said }
     }
 
-    /// Hands over what is held, but for a sample that is not whole.
-    fn hand_over(&mut self, slicer: &mut Slicer) {
+    /// Hands over a block of what is held and good.
+    fn give(&mut self, slicer: &mut Slicer) -> Result<bool, Damage> {
+        let end = self.filled.min(self.given + BLOCK);
+        let used = match &mut self.scanner {
+            Some(scanner) => scanner.scan(&self.held[self.given..end], slicer),
+            None => 0,
+        };
+        self.given += used;
+        if self.filled - self.given < self.metadata.unit {
+            (self.filled, self.given, self.good) = (0, 0, false);
+            if let Some(damage) = self.after.take() {
+                return Err(damage);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Hands over what has come, but for a sample that is not whole.
+    fn give_at_once(&mut self, slicer: &mut Slicer) {
         if let Some(scanner) = &mut self.scanner {
             let used = scanner.scan(&self.held[..self.filled], slicer);
             self.held.copy_within(used..self.filled, 0);
@@ -204,36 +233,35 @@ impl Source for Sr {
     }
 
     fn read(&mut self, slicer: &mut Slicer) -> Result<bool, Damage> {
+        if self.good {
+            return self.give(slicer);
+        }
         let Some(mut body) = self.body.take() else {
             return self.chunk();
         };
-        if self.held.len() < self.filled + BLOCK {
-            self.held.resize(self.filled + BLOCK, 0);
-        }
         let room = &mut self.held[self.filled..self.filled + BLOCK];
-        let holds = body.entry.size <= HELD as u64;
         match body.read(self.archive.input(), room) {
             Ok(0) => {
-                self.hand_over(slicer);
-                if self.filled > 0 {
-                    let (rest, unit) = (self.filled, self.metadata.unit);
+                self.good = true;
+                let rest = body.out % self.metadata.unit as u64;
+                if rest > 0 {
+                    let unit = self.metadata.unit;
                     let said = format!("{rest} bytes are left, and a sample has {unit}");
-                    return Err(damage(&body.entry, body.out - rest as u64, said));
+                    self.after = Some(damage(&body.entry, body.out - rest, said));
                 }
             }
             Ok(n) => {
                 self.filled += n;
-                if !holds {
-                    self.hand_over(slicer);
+                if body.entry.size > HELD as u64 {
+                    self.give_at_once(slicer);
                 }
                 self.body = Some(body);
             }
-            Err(wrong) => {
-                if let Wrong::Short(_) = wrong {
-                    self.hand_over(slicer);
-                }
-                return Err(damage(&body.entry, body.out, wrong.said()));
+            Err(Wrong::Short(said)) => {
+                self.good = true;
+                self.after = Some(damage(&body.entry, body.out, said));
             }
+            Err(Wrong::Bad(said)) => return Err(damage(&body.entry, body.out, said)),
         }
         Ok(true)
     }
