@@ -468,6 +468,9 @@ impl Slicer {
             return;
         }
         let timeout = self.timeout_ns.saturating_add(STAMP_MAX_NS);
+        if t_ns.saturating_sub(self.moved_ns) <= timeout {
+            return;
+        }
         let limit = match (self.cycle.begin, self.cycle.delay()) {
             (Begin::Unknown, _) => timeout.saturating_add(LINE_DELAY_MAX_NS),
             (_, Some(delay)) => timeout.saturating_add(delay.min(LINE_DELAY_MAX_NS)),
@@ -509,9 +512,20 @@ impl Slicer {
         let (Some(last), Some(shortest)) = (self.cycle.rises.last(), self.cycle.shortest_ns) else {
             return false;
         };
-        let (rest, delay) = (t_ns - last, self.cycle.delay().unwrap_or(0));
+        let rest = t_ns - last;
         let known = self.cycle.begin != Begin::Unknown;
-        if rest <= shortest / 2 || known && rest <= delay + shortest / 2 {
+        // Less than what is asked for below, whatever the line delay and the period: most changes are no end.
+        if rest
+            <= if known {
+                shortest * 3 / 4
+            } else {
+                shortest * 5 / 4
+            }
+        {
+            return false;
+        }
+        let delay = self.cycle.delay().unwrap_or(0);
+        if known && rest <= delay + shortest / 2 {
             return false;
         }
         let Some(period) = self.cycle.period() else {

@@ -217,7 +217,10 @@ fn a_session_cut_short_delivers_what_came_before() {
                     continue;
                 }
                 assert_eq!(status, Some(2), "{part}: {said}");
-                assert!(good.starts_with(&records), "{part}: {records}");
+                // Where it is cut before SL = 1 nobody has seen how long the slave waits.
+                let frames = |text: &str| text.replace(",\"timeout_ns\":20000", "");
+                let begins = frames(&good).starts_with(&frames(&records));
+                assert!(begins, "{part}: {records}");
                 assert!(said.contains("cut short"), "{part}: {said}");
                 most = most.max(records.lines().count());
             }
