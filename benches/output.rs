@@ -113,13 +113,14 @@ fn with_println() {
         let degrees = (pos as f64 / f64::from(1 << 26) * 360.0 * 1e7).round() / 1e7;
         println!(
             "{{\"type\":\"frame\",\"t_ns\":{},\"seq\":{},\"ok\":true,\"pos\":{pos},\"deg\":{degrees:?},\"error\":{},\
-             \"warning\":{},\"ack\":{},\"delay_ns\":{},\"cds\":{},\"crc\":{crc},\"scd\":\"{:09x}\"}}",
+             \"warning\":{},\"ack\":{},\"delay_ns\":{},\"clock_hz\":{},\"cds\":{},\"crc\":{crc},\"scd\":\"{:09x}\"}}",
             shot.t_ns,
             shot.seq,
             channel.error(data).unwrap(),
             channel.warning(data).unwrap(),
             head.ack,
             shot.trace.delay_ns.unwrap(),
+            1_000_000_000 / shot.trace.ma_period_ns.unwrap(),
             u8::from(head.cds),
             data << 6 | u64::from(crc),
         );

@@ -6,12 +6,14 @@ pub(crate) mod info;
 mod json;
 pub(crate) mod list;
 pub(crate) mod loopback;
+mod progress;
 pub(crate) mod reg;
 pub(crate) mod scope;
 mod summary;
 mod text;
 
 pub(crate) use columns::{Column, Shape, choose, columns};
+pub(crate) use progress::Progress;
 pub(crate) use summary::Summary;
 
 use crate::cli::{ColorWhen, ReportFormat, TimeStyle};
@@ -30,9 +32,8 @@ pub(crate) fn note(text: impl Display) {
 
 fn say(line: &str) {
     // Nobody is left to tell when stderr is gone.
-    let _ = io::stderr()
-        .lock()
-        .write_all(format!("{line}\n").as_bytes());
+    let line = format!("{}{line}\n", progress::gone());
+    let _ = io::stderr().lock().write_all(line.as_bytes());
 }
 
 /// Stdout for something that is no record.

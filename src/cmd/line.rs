@@ -2,6 +2,7 @@
 
 use super::asked::USUAL_CLOCK;
 use crate::cli;
+use crate::output::Progress;
 use crate::sys::{self, Signals};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
@@ -10,6 +11,7 @@ use biss::limits;
 use biss::link::{self, Clock, Kind, Link, Spec};
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
+use std::io::{self, Read, Seek, SeekFrom};
 
 /// What all commands that talk to an encoder are told about the way to it.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +23,8 @@ pub(super) struct Line<'a> {
     pub(super) timeout: Option<cli::Timeout>,
     pub(super) ack_limit: Nanos,
     pub(super) busy_limit: Nanos,
+    /// Nothing is said about how far a recording has been read.
+    pub(super) quiet: bool,
 }
 
 impl<'a> Line<'a> {
@@ -33,6 +37,7 @@ impl<'a> Line<'a> {
             timeout: wire.timeout,
             ack_limit: wire.ack_limit,
             busy_limit: wire.busy_limit,
+            quiet: wire.quiet,
         }
     }
 
@@ -117,11 +122,20 @@ impl<'a> Line<'a> {
                 };
                 let file = if stdin { sys::stdin() } else { sys::open(path) }.map_err(said)?;
                 let whole = sys::is_whole(&file);
-                let input = sys::Input::new(file, signals, flush).map_err(|e| {
+                let total = file
+                    .metadata()
+                    .ok()
+                    .filter(|_| whole)
+                    .map(|data| data.len());
+                let inner = sys::Input::new(file, signals, flush).map_err(|e| {
                 anyhow!(
                     "waiting for input: {e}\n  is a limit of this process used up (`ulimit -a`)?"
                 )
             })?;
+                let input = Watched {
+                    inner,
+                    progress: Progress::new(&name, total, self.quiet),
+                };
                 let timeout_max_ns = self
                     .timeout
                     .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
@@ -159,6 +173,26 @@ impl<'a> Line<'a> {
             protocol.timeout_max_ns = ns(timeout.max);
         }
         protocol
+    }
+}
+
+/// An input that says how far it is.
+struct Watched {
+    inner: sys::Input,
+    progress: Progress,
+}
+
+impl Read for Watched {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.inner.read(buffer)?;
+        self.progress.add(n);
+        Ok(n)
+    }
+}
+
+impl Seek for Watched {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.inner.seek(to)
     }
 }
 

@@ -99,6 +99,7 @@ fn line<'a>(args: &'a cli::Read, frame: Option<&'a Frame>) -> Line<'a> {
         timeout: args.timeout,
         ack_limit: args.ack_limit,
         busy_limit: args.busy_limit,
+        quiet: args.quiet,
     }
 }
 
