@@ -336,10 +336,7 @@ impl<'a> Record<'a> {
             return Measured::default();
         }
         let head = self.shot.cycle.head();
-        let busy_ns = trace.wave.as_ref().zip(head).and_then(|(wave, head)| {
-            let ack = 1 + usize::from(head.delay_clk);
-            wave.between_ns(ack, ack + usize::from(head.ack))
-        });
+        let busy_ns = head.and(trace.busy_ns).map(u64::from);
         let period = trace.ma_period_ns.filter(|ns| *ns > 0);
         let ready = trace.ready_ns.zip(trace.delay_ns);
         Measured {

@@ -1,7 +1,7 @@
 //! A sampled recording, looked through for edges: 64 samples at a time, and most of them are passed over.
 //!
 //! A cycle at a steady clock in which nothing is out of the ordinary is read as a whole, from words of 64 samples each
-//! ([`region::Region::regular`]). Everything else goes through the [`Slicer`] change by change, and what the first way
+//! (`scan/region.rs`). Everything else goes through the [`Slicer`] change by change, and what the first way
 //! says is what the second one would have said: [`Scanner::plain`] takes the second one always, and tests compare them.
 
 mod region;

@@ -245,22 +245,40 @@ impl Edges {
     /// SL falling after the second rising edge (D2, p. 8), until the start bit: that comes a clock later, or three quarters
     /// of one. What is shorter is a spike, and no Ack.
     fn delay(&self) -> Option<u64> {
+        let (acked, _) = self.ack()?;
+        Some(acked.saturating_sub(*self.rises.get(1)?))
+    }
+
+    /// When the Ack came, and which change of SL it is. One that was there with the second rising edge came with it.
+    fn ack(&self) -> Option<(u64, usize)> {
         let second = *self.rises.get(1)?;
         let after = self.slo.partition_point(|(t, _)| *t <= second);
-        let before = after.checked_sub(1).and_then(|at| self.slo.get(at));
-        if before.is_some_and(|(_, level)| *level == Some(false)) {
+        let before = after
+            .checked_sub(1)
+            .and_then(|at| Some((at, self.slo.get(at)?)));
+        if let Some((at, (_, Some(false)))) = before {
             // Down already: the analyser's channels are not quite in step.
-            return Some(0);
+            return Some((second, at));
         }
+        self.stays(after, false)
+    }
+
+    /// Ack to start.
+    fn busy(&self) -> Option<u64> {
+        let (acked, at) = self.ack()?;
+        let (started, _) = self.stays(at + 1, true)?;
+        Some(started - acked)
+    }
+
+    /// When SL was `level` for longer than a spike, at change `from` or a later one, and which that is.
+    fn stays(&self, from: usize, level: bool) -> Option<(u64, usize)> {
         let shortest = self.shortest_ns.unwrap_or(0) / 2;
-        let mut changes = self.slo.get(after..)?.iter().peekable();
-        while let Some((t, level)) = changes.next() {
-            let stays = changes.peek().is_none_or(|(next, _)| next - t > shortest);
-            if *level == Some(false) && stays {
-                return Some(t - second);
-            }
-        }
-        None
+        let changes = self.slo.get(from..)?;
+        changes.iter().enumerate().find_map(|(at, (t, is))| {
+            let next = changes.get(at + 1);
+            let stays = next.is_none_or(|(next, _)| next - t > shortest);
+            (*is == Some(level) && stays).then_some((*t, from + at))
+        })
     }
 
     /// Three rising edges within little more than a clock: one of them is a spike on MA, and whether the slave took it for
@@ -725,6 +743,7 @@ fn show(regular: &Regular, trace: &mut Trace) {
     trace.ready_ns = u32::try_from(regular.ready_ns).ok();
     trace.ma_period_ns = Some(regular.period_ns);
     trace.delay_ns = Some(regular.delay_ns);
+    trace.busy_ns = Some(regular.busy_ns);
     trace.reference_ns = Some(regular.reference_ns);
     trace.longest = Some(Level {
         ns: regular.longest_ns,
@@ -758,6 +777,7 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     let (period, delay) = (edges.period(), edges.delay());
     trace.ma_period_ns = period.and_then(|ns| u32::try_from(ns).ok());
     trace.delay_ns = delay.and_then(|ns| u32::try_from(ns).ok());
+    trace.busy_ns = edges.busy().and_then(|ns| u32::try_from(ns).ok());
     measure_levels(edges, trace);
     let period = period.unwrap_or(0);
     // The middle of the bit as it arrives: whole clocks of line delay are taken out too, so that MA may pause

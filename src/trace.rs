@@ -235,6 +235,8 @@ pub struct Trace {
     pub reference_ns: Option<u32>,
     /// Second rising MA edge to SL falling.
     pub delay_ns: Option<u32>,
+    /// SL falling after the second rising MA edge to SL rising again: Ack to start, where every change of SL is seen.
+    pub busy_ns: Option<u32>,
     /// Last MA edge to SL = 1.
     pub ready_ns: Option<u32>,
     /// What answered may have answered an earlier cycle, whose clocks paused for so long
@@ -276,6 +278,7 @@ impl Trace {
             late,
             reference_ns,
             delay_ns,
+            busy_ns,
             ready_ns,
             misplaced_ns,
             unconfirmed,
@@ -286,7 +289,7 @@ impl Trace {
         bits.clear();
         (*t_ns, *idle, *waited_ns, *cdm) = (0, None, None, None);
         (*ma_period_ns, *longest, *late) = (None, None, None);
-        (*reference_ns, *delay_ns, *ready_ns) = (None, None, None);
+        (*reference_ns, *delay_ns, *busy_ns, *ready_ns) = (None, None, None, None);
         (*misplaced_ns, *unconfirmed, *surplus, *cut) = (None, false, 0, None);
         if let Some(wave) = wave {
             wave.clear();

@@ -37,19 +37,6 @@ impl Waveform {
             self.changes.push(Change { t_ns, ma, slo });
         }
     }
-
-    /// From the change of SLO that made bit `fall` of the trace a 0 to the one that made bit `rise` a 1.
-    pub fn between_ns(&self, fall: usize, rise: usize) -> Option<u64> {
-        let edge = |bit: usize, level: bool| {
-            let sampled_ns = *self.samples_ns.get(bit)?;
-            let known = self.changes.partition_point(|c| c.t_ns <= sampled_ns);
-            let changes = self.changes.get(..known)?;
-            let differs = |pair: &[Change]| pair[0].slo != pair[1].slo;
-            let at = changes.windows(2).rposition(differs)? + 1;
-            (changes[at].slo == Some(level)).then_some(changes[at].t_ns)
-        };
-        edge(rise, true)?.checked_sub(edge(fall, false)?)
-    }
 }
 
 /// Both wires, each noted on its own, until a cycle's [`Waveform`] takes them in order of time.

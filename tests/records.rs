@@ -227,7 +227,7 @@ fn the_header_is_there_whatever_comes() {
     let header = |args: &str| run(args).0.lines().next().unwrap().to_owned();
     assert_eq!(
         header(bench),
-        "t_ns,seq,ok,pos,error,warning,fault,detail,ack,delay_ns,clock_hz,timeout_ns,cds,crc,scd"
+        "t_ns,seq,ok,pos,error,warning,fault,detail,ack,delay_ns,busy_ns,clock_hz,timeout_ns,cds,crc,scd"
     );
     // Where there is no hardware, the names are told by what they are not.
     for (link, there, absent) in [

@@ -502,7 +502,7 @@ fn other(rng: &mut fastrand::Rng, count: usize, ma: &Wire) -> Vec<Wire> {
 fn ma_and_slo_are_found_among_others() {
     use biss::link::{Link, file};
     let mut rng = common::rng();
-    let (mut alone, mut twice) = (0, 0);
+    let (mut alone, mut twice, mut doubtful) = (0, 0, 0);
     for round in 0..common::size(60) {
         let step_ns = rng.u64(10..50);
         let count = 1_200_000 / step_ns as usize;
@@ -553,9 +553,16 @@ fn ma_and_slo_are_found_among_others() {
                 );
                 twice += 1;
             }
+            // By chance another pair may look like one: then both are named, and none is guessed.
+            Err(error) if error.said().starts_with("several pairs") => {
+                let words = format!("{} and {}", first.0, first.1);
+                assert!(error.said().contains(&words), "{round}: {words}: {error}");
+                doubtful += 1;
+            }
             Ok(link) => panic!("{round}: {first:?} of two: {:?}", link.notes()),
             Err(error) => panic!("{round}: {first:?}: {error}"),
         }
     }
-    println!("{alone} found, {twice} left open");
+    println!("{alone} found, {twice} left open, {doubtful} by chance");
+    assert!(doubtful <= 2 + alone / 20, "{doubtful} of {alone}");
 }

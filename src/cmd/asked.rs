@@ -79,8 +79,7 @@ pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: boo
         cli::OutputFormat::Text => Look::Text,
         cli::OutputFormat::Json => Look::Json,
         cli::OutputFormat::Csv => {
-            let dear = [Column::Bits, Column::BusyNs];
-            let shown = |column: &Column| args.verbose || !dear.contains(column);
+            let shown = |column: &Column| args.verbose || *column != Column::Bits;
             Look::Csv(there.into_iter().filter(shown).collect())
         }
     })

@@ -184,9 +184,6 @@ impl Run<'_> {
         let mut master = Master::new(link, self.protocol, self.args.retries);
         master.stop_when(&stop);
         master.keep_distance(self.distance_ns());
-        if self.wants_waveform() {
-            master.keep_waveform();
-        }
         self.printer.borrow_mut().header().map_err(writing)?;
         if let Err(error) = self.open(&mut master) {
             return self.give_up(error);
@@ -241,13 +238,6 @@ impl Run<'_> {
         let good = frames && registers && enough;
         let outcome = if good { Outcome::Good } else { Outcome::Bad };
         Ok(Ended { outcome, signal })
-    }
-
-    /// Busy times are measured on both wires; nothing else is, so a recording is read without them.
-    fn wants_waveform(&self) -> bool {
-        let fields = self.args.fields.as_deref().unwrap_or_default();
-        let asked = fields.split(',').any(|name| name == "busy_ns");
-        recorded(self.args) && (self.args.verbose || asked)
     }
 
     /// Whether a child that was waited for has been given up for a signal: no failure of the machine.

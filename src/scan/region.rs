@@ -200,6 +200,7 @@ pub(crate) struct Regular {
     pub(crate) clocks: u16,
     pub(crate) period_ns: u32,
     pub(crate) delay_ns: u32,
+    pub(crate) busy_ns: u32,
     pub(crate) reference_ns: u32,
     /// The longest level, and the rising edge that ended it.
     pub(crate) longest_ns: u32,
@@ -277,6 +278,7 @@ impl Region {
             clocks: clock.clocks as u16,
             period_ns: small((risen_ns - first_ns + spans / 2) / spans)?,
             delay_ns: small(ns(ack) - second_ns)?,
+            busy_ns: small(ns(self.seen.behind) - ns(ack))?,
             reference_ns: small(second_ns - fall_ns)?,
             longest_ns: small(longest_ns)?,
             longest_edge,
