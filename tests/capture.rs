@@ -408,6 +408,39 @@ fn what_is_on_disk_can_be_read() {
     }
 }
 
+/// Pieces of a session stand one behind the other with nothing between them: they read through a pipe as from the file, and
+/// those that are whole read where the file ends inside one and has no directory, as after a power cut.
+#[test]
+fn pieces_of_a_session_read_without_its_directory() {
+    let folder = Folder::new("pieces");
+    let (whole, cut) = (folder.path("whole.sr"), folder.path("cut.sr"));
+    let format = "st26,nE,nW,crc6";
+    let capture = format!("capture sim:frame={format} -n 200 --sample-rate 1GHz -w {whole}");
+    let (_, err, code) = run(&capture);
+    assert_eq!(code, Some(0), "{err}");
+    let (all, _, _) = run(&format!("read file:{whole} -f {format}"));
+    assert_eq!(all.lines().count(), 200);
+
+    let bytes = fs::read(&whole).unwrap();
+    let mut child = biss(&["read", "file:-", "-f", format])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(&bytes).unwrap();
+    let out = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8(out.stdout).unwrap(), all);
+
+    let name = b"logic-1-3";
+    let third = bytes.windows(name.len()).position(|at| at == name).unwrap();
+    fs::write(&cut, &bytes[..third + 100]).unwrap();
+    let (out, err, code) = run(&format!("read file:{cut} -f {format}"));
+    assert_eq!(code, Some(2), "{err}");
+    // Two pieces of 2²² ns: a rest of 120 µs, then 58.5 µs a frame.
+    assert_eq!(out.lines().count(), 141, "{err}");
+    assert!(all.starts_with(&out));
+}
+
 /// sigrok sees the levels that were written. The test needs sigrok-cli: without it it says so, and fails where all are to run.
 #[test]
 fn sigrok_reads_the_same_levels() {

@@ -252,7 +252,13 @@ impl Archive {
                     };
                     *zip = Some(match directory {
                         (0, _) => ZipWriter::new(guarded),
-                        _ => ZipWriter::new_append(guarded)?,
+                        (at, _) => {
+                            let zip = ZipWriter::new_append(guarded)?;
+                            // In the directory's place, not behind it: readers of pipes, and of files that were cut short,
+                            // take the first directory for the end. The clone shares its place with `file`.
+                            file.seek(SeekFrom::Start(*at))?;
+                            zip
+                        }
                     });
                 }
                 zip.as_mut().map(|zip| zip.start_file(name, options()))
