@@ -201,15 +201,17 @@ impl BissC {
             });
         }
         let whole = have >= self.least_bits();
+        // What had time to come yet may have come behind the end of the recording.
+        let ended = trace.cut == Some(Cut::End);
         let ack_limit = search_clocks(self.ack_limit_ns, trace.ma_period_ns);
         let start_limit = search_clocks(self.busy_limit_ns, trace.ma_period_ns);
         let Some(ack_at) = bits.find(1, false) else {
             let clocks = have.saturating_sub(2);
-            let enough = whole || clocks >= ack_limit;
+            let enough = clocks >= ack_limit || whole && !ended;
             return Err(if enough {
                 Fault::NoAck { clocks }
             } else {
-                short(self.least_bits())
+                short(self.least_bits().max(have.saturating_add(1)))
             });
         };
         let delay_clk = (ack_at - 1) as u16;
@@ -222,7 +224,7 @@ impl BissC {
         let want = |head: u16| 2u16.saturating_add(head).saturating_add(self.tail());
         let Some(start_at) = bits.find(ack_at, true) else {
             let clocks = have - ack_at as u16 - 1;
-            let enough = clocks >= start_limit || whole && clocks > limits::BUSY_CLOCKS;
+            let enough = clocks >= start_limit || whole && !ended && clocks > limits::BUSY_CLOCKS;
             return Err(if enough {
                 Fault::NoStart { clocks }
             } else {

@@ -441,6 +441,30 @@ fn pieces_of_a_session_read_without_its_directory() {
     assert!(all.starts_with(&out));
 }
 
+/// What a recording's end cuts is no fault, wherever it cuts: an answer that had time to come yet is not missing.
+#[test]
+fn no_end_of_a_recording_is_a_fault() {
+    let folder = Folder::new("cut");
+    let (whole, cut) = (folder.path("whole.csv"), folder.path("cut.csv"));
+    let format = "st12,nE,nW,crc6";
+    let capture =
+        format!("capture sim:delay=30us,busy=20us,frame={format} -c 5MHz -n 2 -w {whole}");
+    let (_, err, code) = run(&capture);
+    assert_eq!(code, Some(0), "{err}");
+    let (all, _, _) = run(&format!("read file:{whole} -f {format}"));
+    let text = fs::read_to_string(&whole).unwrap();
+    let rows: Vec<&str> = text.lines().collect();
+    for end in (3..rows.len()).step_by(23) {
+        fs::write(&cut, rows[..end].join("\n") + "\n").unwrap();
+        let (out, err, _) = run(&format!("read file:{cut},ma=MA,slo=SLO -f {format}"));
+        assert!(
+            all.starts_with(&out),
+            "{end} rows of {}: {out}{err}",
+            rows.len()
+        );
+    }
+}
+
 /// sigrok sees the levels that were written. The test needs sigrok-cli: without it it says so, and fails where all are to run.
 #[test]
 fn sigrok_reads_the_same_levels() {

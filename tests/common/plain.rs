@@ -124,6 +124,7 @@ pub fn decode(protocol: &BissC, trace: &Trace, words: &mut Vec<Received>) -> Res
         clocks(protocol.ack_limit_ns, trace.ma_period_ns),
         clocks(protocol.busy_limit_ns, trace.ma_period_ns),
     );
+    let ended = trace.cut == Some(Cut::End);
     let (mut delay, mut busy) = (0, 0);
     loop {
         match levels.next() {
@@ -131,11 +132,11 @@ pub fn decode(protocol: &BissC, trace: &Trace, words: &mut Vec<Received>) -> Res
             Some(false) => break,
             None => {
                 let clocks = have.saturating_sub(2);
-                return match have >= 3 + tail || clocks >= ack_limit {
+                return match have >= 3 + tail && !ended || clocks >= ack_limit {
                     true => Err(Fault::NoAck {
                         clocks: clocks as u16,
                     }),
-                    false => short(3 + tail),
+                    false => short((3 + tail).max(have + 1)),
                 };
             }
         }
@@ -154,7 +155,7 @@ pub fn decode(protocol: &BissC, trace: &Trace, words: &mut Vec<Received>) -> Res
             Some(false) => busy += 1,
             Some(true) => break,
             None => {
-                return match busy >= start_limit || have >= 3 + tail && busy > 8 {
+                return match busy >= start_limit || have >= 3 + tail && !ended && busy > 8 {
                     true => Err(Fault::NoStart {
                         clocks: busy as u16,
                     }),
