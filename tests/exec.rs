@@ -410,6 +410,23 @@ fn counts(command: &str) {
     }
 }
 
+/// The drawing shows when SL rose, not when a rest behind that was over.
+#[test]
+fn the_timeout_is_drawn_as_it_was_seen() {
+    let link = link("10ns", "timeout=20us,frame=st16,nE,nW,crc6");
+    let args = ["scope", &link, "-f", "st16,nE,nW,crc6", "-n", "2"];
+    let (out, err, code) = texts(biss(&args).output().unwrap());
+    assert_eq!(code, Some(0), "{out}{err}");
+    // SL is looked at once a quarter of a clock.
+    let seen: Vec<f64> = out
+        .lines()
+        .filter_map(|line| line.strip_prefix("MA 1 MHz")?.split_once("timeout "))
+        .map(|(_, rest)| rest.split(' ').next().unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(seen.len(), 2, "{out}");
+    assert!(seen.iter().all(|us| (20.0..20.5).contains(us)), "{out}");
+}
+
 #[test]
 fn a_slave_in_python_counts() {
     if installed("python3") {

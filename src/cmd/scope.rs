@@ -236,8 +236,8 @@ impl<'a> Search<'a> {
                 return Ok(());
             }
             // Simulated slaves get a rest in which the end of a cycle shows; others are polled for SL = 1 instead.
-            let rest_ns = match master.link().caps() {
-                caps if caps.live && caps.virtual_time => VIRTUAL_REST_NS,
+            let rest_ns = match self.args.wire.link.kind {
+                Kind::Sim { .. } => VIRTUAL_REST_NS,
                 _ => 0,
             };
             let slot = master.slot(master.link().now_ns() + rest_ns, None);
