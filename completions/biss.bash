@@ -1470,7 +1470,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__scope)
-            opts="-c -q -v -f -n -w -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --count --seq --skip --at --fault --within --write --ascii --width --color --help gpio: spi: wave: sim file:"
+            opts="-c -q -v -f -n -w -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --count --seq --skip --at --fault --within --write --ascii --width --color --help gpio: spi: wave: sim file: exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0

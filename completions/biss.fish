@@ -315,13 +315,14 @@ complete -c biss -n "__fish_biss_using_subcommand read" -a "gpio:\t'two GPIO lin
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
-file:\t'recording: '
+file:\t'recording: sigrok session, VCD, CSV'
 exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand scope" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
-file:\t'VCD recording, - for standard input'"
+file:\t'recording: sigrok session, VCD, CSV'
+exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand capture" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'

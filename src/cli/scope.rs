@@ -19,7 +19,10 @@ Links:
   wave:BUS.CS[,oversample=N][,invert][,idle=low|high]
                                          spidev: MOSI is MA, MISO is SLO
   sim[:KEY=VAL,…]                        simulated encoder; a wrong KEY lists them all
-  file:PATH[,ma=NAME][,slo=NAME]         VCD recording, - for standard input
+  file:PATH[,ma=NAME][,slo=NAME]         recording: sigrok session, VCD, CSV; - is standard input
+       [,rate=HZ][,unit=BYTES]           samples alone: rate=100MHz,ma=0,slo=1
+  exec:[tick=TIME,][silence=TIME,]COMMAND
+                                         a slave in another process, such as an HDL simulator
   An option frame=FORMAT|PRESET ends the options and takes the rest.
 
 Examples:
