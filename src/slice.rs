@@ -1156,6 +1156,7 @@ mod tests {
             bench.clock(EDGES, 500);
             bench.pass(20_000);
         }
+        bench.pass(90_000);
         let all = bench.faults(FORMAT);
         assert_eq!(all.len(), 3);
         assert!(
