@@ -114,6 +114,12 @@ complete -c biss -n "__fish_biss_using_subcommand scope" -s v -l verbose -d 'Say
 complete -c biss -n "__fish_biss_using_subcommand scope" -l fault -d 'Draw the first cycle with a fault; -n draws those behind it too'
 complete -c biss -n "__fish_biss_using_subcommand scope" -l ascii -d 'Lines of - and + even where the locale knows better ones'
 complete -c biss -n "__fish_biss_using_subcommand scope" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand capture" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s w -l write -d 'The recording, - for standard output' -r -F
 complete -c biss -n "__fish_biss_using_subcommand capture" -l as -d 'What kind of recording [default: by the end of FILE\'s name]' -r -f -a "vcd\t'Value change dump'
 sr\t'sigrok session'
@@ -132,21 +138,15 @@ resolute-32\t'Renishaw RESOLUTE, optical, 32 bit'
 resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
 siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'"
 complete -c biss -n "__fish_biss_using_subcommand capture" -l clocks -d 'Clocks a frame, whatever comes [default: as many as the format needs, 128 without one]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand capture" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s o -l format -d 'Print the frames too, as biss read does' -r -f -a "text\t'For people'
 json\t'JSON Lines'
 csv\t'Comma-separated values, a header first'"
-complete -c biss -n "__fish_biss_using_subcommand capture" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand capture" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand capture" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand capture" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
-complete -c biss -n "__fish_biss_using_subcommand capture" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand capture" -s v -l verbose -d 'Say how the link runs; add bits to records'
+complete -c biss -n "__fish_biss_using_subcommand capture" -s v -l verbose -d 'Say how the link runs, and what it took'
 complete -c biss -n "__fish_biss_using_subcommand capture" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
@@ -327,7 +327,8 @@ complete -c biss -n "__fish_biss_using_subcommand capture" -a "gpio:\t'two GPIO 
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
-file:\t'a recording, which is converted'"
+file:\t'recording: sigrok session, VCD, CSV'
+exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -a "gpio:\t'two GPIO lines'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'

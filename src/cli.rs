@@ -227,7 +227,10 @@ Examples:
   biss list                                                    what this machine has for an encoder
   biss loopback                                                the program against itself";
 
-const READ_HELP: &str = "\
+/// All links, as the help of those verbs has them that take any.
+macro_rules! links {
+    () => {
+        "\
 Links:
   gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines; CHIP is a number, name, label or path
        [,mo=LINE][,uapi=v1|v2]           MO, for slaves on a bus; the kernel's interface
@@ -240,7 +243,13 @@ Links:
   exec:[tick=TIME,][silence=TIME,]COMMAND
                                          a slave in another process, such as an HDL simulator
   An option frame=FORMAT|PRESET ends the options and takes the rest.
+"
+    };
+}
 
+const READ_HELP: &str = concat!(
+    links!(),
+    "
 Frame format, in wire order after CDS, channels joined by +:
   mtN stN posN padN dataN[=NAME] lcN  nE nW (active low)  E W  crcN[:POLY[:init=X][:plain]]
 
@@ -251,7 +260,8 @@ Presets, in the place of a format, bring the encoder's own limits along:
 Exit status:
   0  every frame asked for was good and without error bit
   1  the wire answered badly, or not at all
-  2  usage or machine";
+  2  usage or machine"
+);
 
 #[derive(Debug, Args)]
 pub(crate) struct Read {
@@ -355,21 +365,16 @@ pub(crate) struct Read {
     pub(crate) color: ColorWhen,
 }
 
-const CAPTURE_HELP: &str = "\
+const CAPTURE_HELP: &str = concat!(
+    "\
 Files, by the end of their name or by --as:
   .vcd  value change dump: GTKWave, PulseView; with what each frame said beside the wires
   .sr   sigrok session: PulseView, sigrok-cli; sampled at --sample-rate
   .csv  a row a change, as Saleae Logic exports it
 
-Links:
-  gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines
-       [,mo=LINE][,uapi=v1|v2]           MO, for slaves on a bus; the kernel's interface
-  spi:BUS.CS[,phase=auto|2|3][,pad=N]    spidev: SCLK is MA, MISO is SLO
-  wave:BUS.CS[,oversample=N][,invert][,idle=low|high]
-                                         spidev: MOSI is MA, MISO is SLO
-  sim[:KEY=VAL,…]                        simulated encoder
-  file:PATH[,ma=NAME][,slo=NAME]         a recording, which is converted; - for standard input
-
+",
+    links!(),
+    "
 What was captured reads back: biss read file:FILE -f FORMAT.
 
 Examples:
@@ -381,13 +386,13 @@ Examples:
 Exit status:
   0  every frame asked for is in FILE, good and without error bit; without a format, with Ack and start bit
   1  the wire answered badly, or not at all
-  2  usage or machine";
+  2  usage or machine"
+);
 
 #[derive(Debug, Args)]
 pub(crate) struct Capture {
-    /// Where the encoder is
-    #[arg(env = LINK_VARIABLE, hide_env_values = true)]
-    pub(crate) link: Spec,
+    #[command(flatten)]
+    pub(crate) wire: Wire,
 
     /// The recording, - for standard output
     #[arg(short, long, value_name = "FILE")]
@@ -415,10 +420,6 @@ pub(crate) struct Capture {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(4..=biss::trace::MAX_CLOCKS as i64))]
     pub(crate) clocks: Option<u16>,
 
-    /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
-    #[arg(short, long, value_name = "FREQ")]
-    pub(crate) clock: Option<Hertz>,
-
     /// Number of frames, 0 for no end [default: 1, all of a recording]
     #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) count: Option<u64>,
@@ -431,18 +432,6 @@ pub(crate) struct Capture {
     #[arg(short = 'o', long, value_enum)]
     pub(crate) format: Option<OutputFormat>,
 
-    /// The slave's timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]
-    #[arg(long, value_name = "MIN[..MAX]|adaptive")]
-    pub(crate) timeout: Option<Timeout>,
-
-    /// How long Ack is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us")]
-    pub(crate) ack_limit: Nanos,
-
-    /// How long the start bit is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us")]
-    pub(crate) busy_limit: Nanos,
-
     /// Repetitions of a bad frame per slot [default: 3 for stalled, else 0]
     #[arg(long, value_name = "N")]
     pub(crate) retries: Option<u32>,
@@ -450,22 +439,6 @@ pub(crate) struct Capture {
     /// How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]
     #[arg(long, value_name = "TIME")]
     pub(crate) wait: Option<Nanos>,
-
-    /// Real-time priority (SCHED_FIFO), memory locked
-    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
-    pub(crate) rt: Option<u8>,
-
-    /// Run on this processor only
-    #[arg(long, value_name = "N")]
-    pub(crate) cpu: Option<usize>,
-
-    /// No summary and no notes on stderr
-    #[arg(short, long, conflicts_with = "verbose")]
-    pub(crate) quiet: bool,
-
-    /// Say how the link runs; add bits to records
-    #[arg(short, long)]
-    pub(crate) verbose: bool,
 }
 
 /// `--as`.
@@ -737,10 +710,10 @@ impl FromStr for Timeout {
     }
 }
 
-mod scope;
-pub(crate) use scope::Scope;
 mod reg;
+mod scope;
 pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
+pub(crate) use scope::Scope;
 
 #[cfg(test)]
 mod generated;

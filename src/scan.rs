@@ -145,11 +145,11 @@ impl Scanner {
     }
 
     fn blocks(&mut self, bytes: &[u8], slicer: &mut Slicer) {
-        let way = match self.way {
-            Way::Plain => return self.one_by_one(bytes, slicer),
-            _ if slicer.keeps_waveform() => return self.one_by_one(bytes, slicer),
-            way => way,
-        };
+        if self.way == Way::Plain || slicer.keeps_waveform() {
+            // Somebody may have asked for the waveform in the middle of a cycle.
+            self.replay(slicer);
+            return self.one_by_one(bytes, slicer);
+        }
         if bytes.is_empty() {
             return;
         }
@@ -158,6 +158,7 @@ impl Scanner {
             // Seen again below, as no change.
             self.samples = 0;
         }
+        let way = self.way;
         let scan = Blocks {
             scanner: self,
             bytes,

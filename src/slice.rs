@@ -136,20 +136,16 @@ impl Line {
         self.first_ns + index as f64 * self.period_ns
     }
 
-    /// The middle of the bit that a rising edge set, when the Ack came at `ack_ns`, 0 for none.
+    /// The middle of the bit that a rising edge set, the Ack having come at `ack_ns`.
     #[inline]
-    pub(crate) fn middle(&self, rises: &[u64], index: usize, ack_ns: u64) -> u64 {
+    pub(crate) fn middle(&self, rises: &[u64], index: usize, ack_ns: Option<u64>) -> u64 {
         // Where some clocks are longer than others the truth is between the line and the edges.
         let weight = if self.constant { 0.0 } else { 0.5 };
         let place = |index: usize| {
             let edge_ns = rises.get(index).map_or(0.0, |rise| *rise as f64);
             self.at(index) * (1.0 - weight) + edge_ns * weight
         };
-        let delay = if ack_ns == 0 {
-            0.0
-        } else {
-            ack_ns as f64 - place(1)
-        };
+        let delay = ack_ns.map_or(0.0, |ack| ack as f64 - place(1));
         (place(index) + delay + self.period_ns / 2.0) as u64
     }
 }
@@ -235,9 +231,7 @@ impl Edges {
 
     /// Mean of all rise-to-rise times, where none is far from it.
     fn steady(&self) -> Option<u64> {
-        let (first, last) = self.rises.first().zip(self.rises.last())?;
-        let spans = self.rises.len() as u64 - 1;
-        let mean = (last - first + spans / 2).checked_div(spans)?;
+        let mean = mean_period(&self.rises)?;
         let usual = |pair: &[u64]| (pair[1] - pair[0]).abs_diff(mean) <= mean / 4;
         self.rises.windows(2).all(usual).then_some(mean)
     }
@@ -729,6 +723,13 @@ impl Slicer {
     }
 }
 
+/// From the first rising edge to the last one, a clock on average, rounded.
+pub(crate) fn mean_period(rises: &[u64]) -> Option<u64> {
+    let (first, last) = rises.first().zip(rises.last())?;
+    let spans = rises.len() as u64 - 1;
+    (last - first + spans / 2).checked_div(spans)
+}
+
 /// By how much two channels of an analyser may be out of step: a sample.
 fn skew(period: u64) -> u64 {
     period / 8 + 1
@@ -791,7 +792,7 @@ fn sample(edges: &Edges, trace: &mut Trace) {
     let mut level = edges.idle;
     for (index, rise) in edges.rises.iter().enumerate() {
         let at = match line {
-            Some(line) => line.middle(&edges.rises, index, ack_ns.unwrap_or(0)),
+            Some(line) => line.middle(&edges.rises, index, ack_ns),
             None => {
                 // A bit is as long as its clock, which may be shorter than most.
                 let clock = edges.rises.get(index + 1).map(|next| next - rise);

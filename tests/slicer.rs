@@ -3,16 +3,17 @@
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 mod common;
+#[path = "common/pushed.rs"]
+mod pushed;
 
 use biss::frame::{BissC, Stall};
-use biss::link::{Caps, Clock, Error, Known, Link, file};
+use biss::link::{Link, file};
 use biss::master::{Master, Slot};
 use biss::slave::{Config, Slave};
 use biss::slice::Slicer;
-use biss::trace::{Ask, Trace};
-use biss::unit::Hertz;
 use common::{rng, size};
 use fastrand::Rng;
+use pushed::Pushed;
 use std::fmt::Write;
 
 const FORMAT: &str = "st26,nE,nW,crc6";
@@ -153,48 +154,6 @@ fn vcd(levels: &[Level]) -> String {
         old = Some((ma, slo));
     }
     text
-}
-
-/// A slicer as a link, without a file between.
-struct Pushed(Slicer);
-
-impl Link for Pushed {
-    fn caps(&self) -> Caps {
-        Caps {
-            live: false,
-            reacts: false,
-            cdm: false,
-            sees_idle: true,
-            times_levels: true,
-            phases: &[],
-            virtual_time: true,
-            burst: 1,
-        }
-    }
-    fn now_ns(&self) -> u64 {
-        0
-    }
-    fn clock(&self) -> Clock {
-        Clock {
-            hz: Hertz(0),
-            known: Known::Measured,
-        }
-    }
-    fn set_clock(&mut self, _: Hertz) -> Result<Clock, Error> {
-        Ok(self.clock())
-    }
-    fn idle(&mut self, _: u64) -> Result<Option<bool>, Error> {
-        Ok(None)
-    }
-    fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
-        let wanted = asks.len().min(out.len());
-        for (done, trace) in out.iter_mut().take(wanted).enumerate() {
-            if !self.0.take(trace) {
-                return Ok(done);
-            }
-        }
-        Ok(wanted)
-    }
 }
 
 /// Every word that came out good, with the time of its cycle, and every fault.

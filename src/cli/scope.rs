@@ -5,26 +5,17 @@ use biss::unit::Nanos;
 use clap::Args;
 use std::path::PathBuf;
 
-pub(super) const SCOPE_HELP: &str = "\
+pub(super) const SCOPE_HELP: &str = concat!(
+    "\
 Drawn:
   MA and SLO over time, each rising edge of MA with its number; where SLO was sampled, and what was read; Ack, start, CDS,
   every field with its width and value, CRC, stop; line delay, timeout, CDM; what is wrong, where it is. What takes long
   and says nothing is cut short, and marked. A frame that is longer than a line goes on below.
   A value stands only where the word passed every check.
 
-Links:
-  gpio:[CHIP,]ma=LINE,slo=LINE           two GPIO lines; CHIP is a number, name, label or path
-       [,mo=LINE][,uapi=v1|v2]           MO, for slaves on a bus; the kernel's interface
-  spi:BUS.CS[,phase=auto|2|3][,pad=N]    spidev: SCLK is MA, MISO is SLO
-  wave:BUS.CS[,oversample=N][,invert][,idle=low|high]
-                                         spidev: MOSI is MA, MISO is SLO
-  sim[:KEY=VAL,…]                        simulated encoder; a wrong KEY lists them all
-  file:PATH[,ma=NAME][,slo=NAME]         recording: sigrok session, VCD, CSV; - is standard input
-       [,rate=HZ][,unit=BYTES]           samples alone: rate=100MHz,ma=0,slo=1
-  exec:[tick=TIME,][silence=TIME,]COMMAND
-                                         a slave in another process, such as an HDL simulator
-  An option frame=FORMAT|PRESET ends the options and takes the rest.
-
+",
+    links!(),
+    "
 Examples:
   biss scope sim                                          a frame of the simulated encoder
   biss scope file:bench.vcd -f st26,nE,nW,crc6 --fault    the first bad one of a recording
@@ -33,7 +24,8 @@ Examples:
 Exit status:
   0  what is drawn is good and without error bit, or no fault was found
   1  the wire answered badly, or not at all: a fault is drawn
-  2  usage or machine";
+  2  usage or machine"
+);
 
 #[derive(Debug, Args)]
 pub(crate) struct Scope {

@@ -26,11 +26,11 @@ const UNKNOWN_CLOCKS: u16 = 128;
 
 pub(crate) fn run(args: cli::Capture, frame_given: bool) -> Result<Ended> {
     let kind = kind(&args)?;
-    let recorded = matches!(args.link.kind, LinkKind::File { .. });
+    let recorded = matches!(args.wire.link.kind, LinkKind::File { .. });
     check(&args, kind, recorded)?;
     let frame = frame(&args, frame_given);
     let clocks = args.clocks.or(frame.is_none().then_some(UNKNOWN_CLOCKS));
-    if frame.is_none() && !args.quiet && !recorded && args.clocks.is_none() {
+    if frame.is_none() && !args.wire.quiet && !recorded && args.clocks.is_none() {
         note(format_args!(
             "no frame format: {UNKNOWN_CLOCKS} clocks a frame, and only Ack and start bit are looked at\n  \
              say what the encoder sends with -f, or how many clocks with --clocks"
@@ -45,7 +45,7 @@ pub(crate) fn run(args: cli::Capture, frame_given: bool) -> Result<Ended> {
         clocks: clocks.filter(|_| !recorded),
         known: frame.is_some(),
         notes: Vec::new(),
-        quiet: args.quiet,
+        quiet: args.wire.quiet,
         tap: None,
         recorder: None,
         waiting: Vec::new(),
@@ -63,9 +63,9 @@ pub(crate) fn run(args: cli::Capture, frame_given: bool) -> Result<Ended> {
 fn frame(args: &cli::Capture, given: bool) -> Option<Frame> {
     let typed = args.frame.clone().filter(|_| given);
     let chosen = typed
-        .or_else(|| args.link.frame.clone())
+        .or_else(|| args.wire.link.frame.clone())
         .or_else(|| args.frame.clone());
-    chosen.or_else(|| match &args.link.kind {
+    chosen.or_else(|| match &args.wire.link.kind {
         LinkKind::Sim { config, .. } if args.clocks.is_none() => Some(Frame {
             format: config.format.clone(),
             preset: None,
@@ -97,7 +97,7 @@ fn check(args: &cli::Capture, kind: Kind, recorded: bool) -> Result<()> {
     if recorded && args.clocks.is_some() {
         bail!("--clocks has no meaning on a recording\n  leave it out");
     }
-    if let LinkKind::File { path, .. } = &args.link.kind {
+    if let LinkKind::File { path, .. } = &args.wire.link.kind {
         let same = |path: &Path| fs::canonicalize(path).ok();
         if same(path)
             .is_some_and(|from| same(&args.write).as_ref() == Some(&from) && from.is_file())
@@ -135,9 +135,9 @@ fn kind(args: &cli::Capture) -> Result<Kind> {
 /// The same, for `biss read`.
 fn as_read(args: cli::Capture) -> cli::Read {
     cli::Read {
-        link: args.link,
+        link: args.wire.link,
         frame: None,
-        clock: args.clock,
+        clock: args.wire.clock,
         count: args.count,
         interval: args.interval,
         format: args.format.unwrap_or(cli::OutputFormat::Text),
@@ -148,15 +148,15 @@ fn as_read(args: cli::Capture) -> cli::Read {
         zero: None,
         reverse: false,
         time: cli::TimeStyle::Zero,
-        timeout: args.timeout,
-        ack_limit: args.ack_limit,
-        busy_limit: args.busy_limit,
+        timeout: args.wire.timeout,
+        ack_limit: args.wire.ack_limit,
+        busy_limit: args.wire.busy_limit,
         retries: args.retries,
         wait: args.wait,
-        rt: args.rt,
-        cpu: args.cpu,
-        quiet: args.quiet,
-        verbose: args.verbose,
+        rt: args.wire.rt,
+        cpu: args.wire.cpu,
+        quiet: args.wire.quiet,
+        verbose: args.wire.verbose,
         color: cli::ColorWhen::Auto,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::step::Step;
 use super::wide::Wide;
-use crate::slice::Line;
+use crate::slice::{Line, mean_period};
 
 /// Samples in a block, the first one least significant.
 pub(super) const BLOCK: usize = 64;
@@ -379,7 +379,7 @@ impl Region {
         }
         let line = Line::through(&self.rises_ns);
         let (ack_ns, second_ns) = (step.ns(first + u64::from(ack)), *self.rises_ns.get(1)?);
-        let half_ns = steady_period(&self.rises_ns)? / 2;
+        let half_ns = mean_period(&self.rises_ns)? / 2;
         let prompt = is_prompt(clock, ack - clock.second);
         let mut bits = Gathered::default();
         let (mut unsure, mut place) = (false, 0);
@@ -394,7 +394,7 @@ impl Region {
             let edge = (block * BLOCK) as u32 + left.trailing_zeros();
             left &= left - 1;
             let middle_ns = match line {
-                Some(line) => line.middle(&self.rises_ns, index, ack_ns),
+                Some(line) => line.middle(&self.rises_ns, index, Some(ack_ns)),
                 None => rise_ns + (ack_ns - second_ns) + half_ns,
             };
             place = step.sample(middle_ns, first, place.max(edge));
@@ -552,11 +552,4 @@ impl Gathered {
         }
         changes
     }
-}
-
-/// The mean of all clocks, rounded.
-fn steady_period(rises_ns: &[u64]) -> Option<u64> {
-    let (first, last) = rises_ns.first().zip(rises_ns.last())?;
-    let spans = rises_ns.len() as u64 - 1;
-    (last - first + spans / 2).checked_div(spans)
 }
