@@ -121,7 +121,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__capture)
-            opts="-c -q -v -w -f -n -i -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --write --as --sample-rate --frame --clocks --count --interval --format --retries --wait --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -w -f -n -i -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --write --as --sample-rate --frame --clocks --count --interval --retries --wait --format --help gpio: spi: wave: sim file: exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -238,14 +238,6 @@ _biss() {
                     fi
                     return 0
                     ;;
-                --format)
-                    COMPREPLY=($(compgen -W "text json csv" -- "${cur}"))
-                    return 0
-                    ;;
-                -o)
-                    COMPREPLY=($(compgen -W "text json csv" -- "${cur}"))
-                    return 0
-                    ;;
                 --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -258,6 +250,14 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --format)
+                    COMPREPLY=($(compgen -W "text json csv" -- "${cur}"))
+                    return 0
+                    ;;
+                -o)
+                    COMPREPLY=($(compgen -W "text json csv" -- "${cur}"))
                     return 0
                     ;;
                 *)
@@ -742,20 +742,12 @@ _biss() {
             return 0
             ;;
         biss__subcmd__read)
-            opts="-f -c -n -i -o -F -t -q -v -h --frame --clock --count --interval --format --fields --registers --slave --unwrap --zero --reverse --time --timeout --ack-limit --busy-limit --retries --wait --rt --cpu --quiet --verbose --color --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -f -n -i -o -F -t -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --count --interval --retries --wait --format --fields --registers --slave --unwrap --zero --reverse --time --color --help gpio: spi: wave: sim file: exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
             fi
             case "${prev}" in
-                --frame)
-                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c auto" -- "${cur}"))
-                    return 0
-                    ;;
-                -f)
-                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c auto" -- "${cur}"))
-                    return 0
-                    ;;
                 --clock)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -768,6 +760,49 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --timeout)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --ack-limit)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --busy-limit)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --rt)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --cpu)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --frame)
+                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c auto" -- "${cur}"))
+                    return 0
+                    ;;
+                -f)
+                    COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c auto" -- "${cur}"))
                     return 0
                     ;;
                 --count)
@@ -792,6 +827,20 @@ _biss() {
                     return 0
                     ;;
                 -i)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --retries)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --wait)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
@@ -847,55 +896,6 @@ _biss() {
                     ;;
                 -t)
                     COMPREPLY=($(compgen -W "zero delta unix none" -- "${cur}"))
-                    return 0
-                    ;;
-                --timeout)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
-                --ack-limit)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
-                --busy-limit)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
-                --retries)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
-                --wait)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
-                --rt)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
-                    return 0
-                    ;;
-                --cpu)
-                    COMPREPLY=("${cur}")
-                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
-                        compopt -o nospace
-                    fi
                     return 0
                     ;;
                 --color)

@@ -39,6 +39,12 @@ complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How i
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, and all about presets; JSON has everything anyway'
 complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves\' registers say' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -52,9 +58,10 @@ resolute-32\t'Renishaw RESOLUTE, optical, 32 bit'
 resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
 siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'
 auto\t'what the slaves\' registers say'"
-complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
 json\t'JSON Lines'
 csv\t'Comma-separated values, a header first'"
@@ -66,20 +73,13 @@ complete -c biss -n "__fish_biss_using_subcommand read" -s t -l time -d 'Time st
 delta\t'Since the frame before'
 unix\t'Since 1970'
 none\t'None'"
-complete -c biss -n "__fish_biss_using_subcommand read" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
-complete -c biss -n "__fish_biss_using_subcommand read" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l color -d 'Colours in text output' -r -f -a "auto\t'On a terminal, unless NO_COLOR is set'
 always\t'Always'
 never\t'Never'"
+complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand read" -l unwrap -d 'Count on where the position rolls over, less than half its range a frame: adds counts'
 complete -c biss -n "__fish_biss_using_subcommand read" -l reverse -d 'Count against the encoder\'s direction: adds counts'
-complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs; add bits to records'
 complete -c biss -n "__fish_biss_using_subcommand read" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand scope" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
@@ -110,7 +110,7 @@ complete -c biss -n "__fish_biss_using_subcommand scope" -l color -d 'Colours' -
 always\t'Always'
 never\t'Never'"
 complete -c biss -n "__fish_biss_using_subcommand scope" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand scope" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand scope" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand scope" -l fault -d 'Draw the first cycle with a fault; -n draws those behind it too'
 complete -c biss -n "__fish_biss_using_subcommand scope" -l ascii -d 'Lines of - and + even where the locale knows better ones'
 complete -c biss -n "__fish_biss_using_subcommand scope" -s h -l help -d 'Print help (see more with \'--help\')'
@@ -140,13 +140,13 @@ siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'"
 complete -c biss -n "__fish_biss_using_subcommand capture" -l clocks -d 'Clocks a frame, whatever comes [default: as many as the format needs, 128 without one]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s n -l count -d 'Number of frames, 0 for no end [default: 1, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s o -l format -d 'Print the frames too, as biss read does' -r -f -a "text\t'For people'
 json\t'JSON Lines'
 csv\t'Comma-separated values, a header first'"
-complete -c biss -n "__fish_biss_using_subcommand capture" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
-complete -c biss -n "__fish_biss_using_subcommand capture" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand capture" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand capture" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand capture" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
@@ -160,7 +160,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subco
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -f -a "read" -d 'Read registers, one record each'
@@ -180,7 +180,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
@@ -196,7 +196,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l unchecked -d 'Do not read them back: for registers that do not keep what is written'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
@@ -211,7 +211,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s w -l write -d 'The file, - for standard output; what is there is replaced once all is read' -r -F
@@ -227,7 +227,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s o -l format -d 'How records look' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
@@ -244,7 +244,7 @@ json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l dry-run -d 'Only show what differs'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l force -d 'Though the file was saved from another kind of device'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l verify -d 'Read everything twice: a CRC of four bits lets some errors of three bits pass'
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand command" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
@@ -258,7 +258,7 @@ complete -c biss -n "__fish_biss_using_subcommand command" -l slave -d 'For thes
 complete -c biss -n "__fish_biss_using_subcommand command" -s o -l format -d 'How the record looks' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand command" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand command" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand command" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand command" -l broadcast -d 'For all slaves, none of which acknowledges it'
 complete -c biss -n "__fish_biss_using_subcommand command" -l unchecked -d 'Execute whoever acknowledges it'
 complete -c biss -n "__fish_biss_using_subcommand command" -l reduced -d 'In frames of two clocks, which slaves understand whose data channels are off'
@@ -273,7 +273,7 @@ complete -c biss -n "__fish_biss_using_subcommand info" -l retries -d 'Control f
 complete -c biss -n "__fish_biss_using_subcommand info" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand info" -s q -l quiet -d 'No summary and no notes on stderr'
-complete -c biss -n "__fish_biss_using_subcommand info" -s v -l verbose -d 'Say how the link runs, and what it took'
+complete -c biss -n "__fish_biss_using_subcommand info" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand info" -l no-write -d 'Do not even select a bank: what is in others is left out'
 complete -c biss -n "__fish_biss_using_subcommand info" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'

@@ -265,9 +265,8 @@ Exit status:
 
 #[derive(Debug, Args)]
 pub(crate) struct Read {
-    /// Where the encoder is
-    #[arg(env = LINK_VARIABLE, hide_env_values = true)]
-    pub(crate) link: Spec,
+    #[command(flatten)]
+    pub(crate) wire: Wire,
 
     /// Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves' registers say
     #[arg(
@@ -279,17 +278,8 @@ pub(crate) struct Read {
     )]
     pub(crate) frame: Option<Wanted>,
 
-    /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
-    #[arg(short, long, value_name = "FREQ")]
-    pub(crate) clock: Option<Hertz>,
-
-    /// Number of frames, 0 for no end [default: 1, all of a recording]
-    #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) count: Option<u64>,
-
-    /// From start to start; missed slots are skipped and counted [default: back to back]
-    #[arg(short, long, value_name = "TIME")]
-    pub(crate) interval: Option<Nanos>,
+    #[command(flatten)]
+    pub(crate) polling: Polling,
 
     /// How records look
     #[arg(short = 'o', long, value_enum, default_value_t = OutputFormat::Text)]
@@ -324,45 +314,29 @@ pub(crate) struct Read {
     #[arg(short, long, value_enum, default_value_t = TimeStyle::Zero)]
     pub(crate) time: TimeStyle,
 
-    /// The slave's timeout: MIN bounds an MA level, MAX how long SL = 1 is awaited [default: 12us..40us]
-    #[arg(long, value_name = "MIN[..MAX]|adaptive")]
-    pub(crate) timeout: Option<Timeout>,
-
-    /// How long Ack is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us")]
-    pub(crate) ack_limit: Nanos,
-
-    /// How long the start bit is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us")]
-    pub(crate) busy_limit: Nanos,
-
-    /// Repetitions of a bad frame per slot [default: 3 for stalled, else 0]
-    #[arg(long, value_name = "N")]
-    pub(crate) retries: Option<u32>,
-
-    /// How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]
-    #[arg(long, value_name = "TIME")]
-    pub(crate) wait: Option<Nanos>,
-
-    /// Real-time priority (SCHED_FIFO), memory locked
-    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
-    pub(crate) rt: Option<u8>,
-
-    /// Run on this processor only
-    #[arg(long, value_name = "N")]
-    pub(crate) cpu: Option<usize>,
-
-    /// No summary and no notes on stderr
-    #[arg(short, long, conflicts_with = "verbose")]
-    pub(crate) quiet: bool,
-
-    /// Say how the link runs; add bits to records
-    #[arg(short, long)]
-    pub(crate) verbose: bool,
-
     /// Colours in text output
     #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
     pub(crate) color: ColorWhen,
+}
+
+/// Frame after frame, for all commands that take many.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct Polling {
+    /// Number of frames, 0 for no end [default: 1, all of a recording]
+    #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) count: Option<u64>,
+
+    /// From start to start; missed slots are skipped and counted [default: back to back]
+    #[arg(short, long, value_name = "TIME")]
+    pub(crate) interval: Option<Nanos>,
+
+    /// Repetitions of a bad frame per slot [default: 3 for stalled, else 0]
+    #[arg(long, value_name = "N", display_order = 803)]
+    pub(crate) retries: Option<u32>,
+
+    /// How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]
+    #[arg(long, value_name = "TIME", display_order = 804)]
+    pub(crate) wait: Option<Nanos>,
 }
 
 const CAPTURE_HELP: &str = concat!(
@@ -420,25 +394,12 @@ pub(crate) struct Capture {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(4..=biss::trace::MAX_CLOCKS as i64))]
     pub(crate) clocks: Option<u16>,
 
-    /// Number of frames, 0 for no end [default: 1, all of a recording]
-    #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) count: Option<u64>,
-
-    /// From start to start; missed slots are skipped and counted [default: back to back]
-    #[arg(short, long, value_name = "TIME")]
-    pub(crate) interval: Option<Nanos>,
+    #[command(flatten)]
+    pub(crate) polling: Polling,
 
     /// Print the frames too, as biss read does
     #[arg(short = 'o', long, value_enum)]
     pub(crate) format: Option<OutputFormat>,
-
-    /// Repetitions of a bad frame per slot [default: 3 for stalled, else 0]
-    #[arg(long, value_name = "N")]
-    pub(crate) retries: Option<u32>,
-
-    /// How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]
-    #[arg(long, value_name = "TIME")]
-    pub(crate) wait: Option<Nanos>,
 }
 
 /// `--as`.
@@ -605,7 +566,7 @@ pub(crate) enum ColorWhen {
     Never,
 }
 
-/// The way to an encoder, for all commands but `read`.
+/// The way to an encoder.
 #[derive(Debug, Args)]
 pub(crate) struct Wire {
     /// Where the encoder is
@@ -617,31 +578,31 @@ pub(crate) struct Wire {
     pub(crate) clock: Option<Hertz>,
 
     /// The slave's timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]
-    #[arg(long, value_name = "MIN[..MAX]|adaptive")]
+    #[arg(long, value_name = "MIN[..MAX]|adaptive", display_order = 800)]
     pub(crate) timeout: Option<Timeout>,
 
     /// How long Ack is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us")]
+    #[arg(long, value_name = "TIME", default_value = "40us", display_order = 801)]
     pub(crate) ack_limit: Nanos,
 
     /// How long the start bit is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us")]
+    #[arg(long, value_name = "TIME", default_value = "40us", display_order = 802)]
     pub(crate) busy_limit: Nanos,
 
     /// Real-time priority (SCHED_FIFO), memory locked
-    #[arg(long, value_name = "PRIO", value_parser = clap::value_parser!(u8).range(1..=99))]
+    #[arg(long, value_name = "PRIO", display_order = 900, value_parser = clap::value_parser!(u8).range(1..=99))]
     pub(crate) rt: Option<u8>,
 
     /// Run on this processor only
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", display_order = 901)]
     pub(crate) cpu: Option<usize>,
 
     /// No summary and no notes on stderr
-    #[arg(short, long, conflicts_with = "verbose")]
+    #[arg(short, long, conflicts_with = "verbose", display_order = 902)]
     pub(crate) quiet: bool,
 
-    /// Say how the link runs, and what it took
-    #[arg(short, long)]
+    /// Say how the link runs, and what it took; where records are printed, add the bits
+    #[arg(short, long, display_order = 903)]
     pub(crate) verbose: bool,
 }
 

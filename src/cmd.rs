@@ -12,6 +12,7 @@ mod line;
 pub(crate) mod list;
 pub(crate) mod loopback;
 mod overheard;
+mod poll;
 pub(crate) mod read;
 pub(crate) mod reg;
 mod saved;

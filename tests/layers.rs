@@ -166,6 +166,7 @@ const BINARY: &[&str] = &[
     "cmd/list.rs",
     "cmd/loopback.rs",
     "cmd/overheard.rs",
+    "cmd/poll.rs",
     "cmd/read.rs",
     "cmd/reg.rs",
     "cmd/saved.rs",

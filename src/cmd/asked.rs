@@ -34,21 +34,27 @@ pub(super) const NO_FRAME: &str = "no frame format: say what the encoder sends, 
     -f resolute-26 or another preset saves the trouble, and an encoder with registers may say it itself: -f auto";
 
 /// What has no meaning on a recording is a mistake, not something to be ignored.
-pub(super) fn check(args: &cli::Read) -> Result<()> {
-    if args.interval == Some(Nanos(0)) {
+pub(super) fn check(wire: &cli::Wire, polling: &cli::Polling) -> Result<()> {
+    if polling.interval == Some(Nanos(0)) {
         bail!("--interval 0 is no interval\n  leave it out to read back to back");
     }
-    if !matches!(args.link.kind, Kind::File { .. }) {
+    live_only(
+        wire,
+        &[
+            ("--clock", wire.clock.is_some()),
+            ("--interval", polling.interval.is_some()),
+            ("--retries", polling.retries.is_some()),
+            ("--wait", polling.wait.is_some_and(|wait| wait.0 > 0)),
+        ],
+    )
+}
+
+/// Refuses options, set or not, that are for live links.
+pub(super) fn live_only(wire: &cli::Wire, options: &[(&str, bool)]) -> Result<()> {
+    if !matches!(wire.link.kind, Kind::File { .. }) {
         return Ok(());
     }
-    let live_only = [
-        ("--clock", args.clock.is_some()),
-        ("--interval", args.interval.is_some()),
-        ("--retries", args.retries.is_some()),
-        ("--wait", args.wait.is_some_and(|wait| wait.0 > 0)),
-        ("--time unix", args.time == cli::TimeStyle::Unix),
-    ];
-    match live_only.iter().find(|(_, set)| *set) {
+    match options.iter().find(|(_, set)| *set) {
         Some((option, _)) => bail!("{option} has no meaning on a recording\n  leave it out"),
         None => Ok(()),
     }
@@ -56,7 +62,7 @@ pub(super) fn check(args: &cli::Read) -> Result<()> {
 
 /// How records look, decided before anything is opened.
 pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: bool) -> Result<Look> {
-    let kind = &args.link.kind;
+    let kind = &args.wire.link.kind;
     let clocks_only = matches!(
         kind,
         Kind::Gpio { .. } | Kind::Spi { .. } | Kind::Sim { .. } | Kind::Exec(_)
@@ -79,20 +85,20 @@ pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: boo
         cli::OutputFormat::Text => Look::Text,
         cli::OutputFormat::Json => Look::Json,
         cli::OutputFormat::Csv => {
-            let shown = |column: &Column| args.verbose || *column != Column::Bits;
+            let shown = |column: &Column| args.wire.verbose || *column != Column::Bits;
             Look::Csv(there.into_iter().filter(shown).collect())
         }
     })
 }
 
 /// What the user asks for and the encoder is not made for. He may know better, so he gets it.
-pub(super) fn warn_outside(args: &cli::Read, preset: &Preset) {
-    let clock = args.clock.and_then(|clock| preset.clock_outside(clock));
-    let interval = args.interval.and_then(|time| preset.interval_outside(time));
-    let timeout = args
+pub(super) fn warn_outside(wire: &cli::Wire, interval: Option<Nanos>, preset: &Preset) {
+    let clock = wire.clock.and_then(|clock| preset.clock_outside(clock));
+    let interval = interval.and_then(|time| preset.interval_outside(time));
+    let timeout = wire
         .timeout
         .and_then(|timeout| preset.timeout_outside(timeout.stall, timeout.max));
-    if !args.quiet {
+    if !wire.quiet {
         [clock, interval, timeout].iter().flatten().for_each(note);
     }
 }
@@ -107,20 +113,16 @@ pub(super) fn slower(preset: &Preset, asked: Option<Hertz>, reached: Hertz) -> O
 }
 
 /// What the user has not said, the preset may.
-pub(super) fn fill_in(
-    link: &Spec,
-    clock: &mut Option<Hertz>,
-    timeout: &mut Option<cli::Timeout>,
-    preset: &Preset,
-) {
+pub(super) fn fill_in(wire: &mut cli::Wire, preset: &Preset) {
     if matches!(
-        link.kind,
+        wire.link.kind,
         Kind::Spi { .. } | Kind::Wave { .. } | Kind::Sim { .. } | Kind::Exec(_)
     ) {
-        clock.get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
+        wire.clock
+            .get_or_insert_with(|| preset.clock_near(USUAL_CLOCK));
     }
     let (stall, max) = preset.judged();
-    timeout.get_or_insert(cli::Timeout { stall, max });
+    wire.timeout.get_or_insert(cli::Timeout { stall, max });
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ impl Beside {
         if args.registers.is_empty() {
             return Ok(None);
         }
-        can_send(&args.link)?;
+        can_send(&args.wire.link)?;
         if args.fields.is_some() || args.format == cli::OutputFormat::Csv {
             bail!(
                 "--registers adds records of another kind, which has no place in a table\n  take -o json or text, or `biss reg` beside it"

@@ -1,7 +1,8 @@
 //! `biss capture`: what `biss read` reads, with both wires written to a file.
 
 use super::Ended;
-use super::read::{run_given, unix_us, writing_to};
+use super::poll::writing_to;
+use super::read::{run_given, unix_us};
 use crate::cli::{self, RecordingKind};
 use crate::output::{self, note};
 use anyhow::{Result, anyhow, bail};
@@ -135,11 +136,9 @@ fn kind(args: &cli::Capture) -> Result<Kind> {
 /// The same, for `biss read`.
 fn as_read(args: cli::Capture) -> cli::Read {
     cli::Read {
-        link: args.wire.link,
+        wire: args.wire,
         frame: None,
-        clock: args.wire.clock,
-        count: args.count,
-        interval: args.interval,
+        polling: args.polling,
         format: args.format.unwrap_or(cli::OutputFormat::Text),
         fields: None,
         registers: Vec::new(),
@@ -148,15 +147,6 @@ fn as_read(args: cli::Capture) -> cli::Read {
         zero: None,
         reverse: false,
         time: cli::TimeStyle::Zero,
-        timeout: args.wire.timeout,
-        ack_limit: args.wire.ack_limit,
-        busy_limit: args.wire.busy_limit,
-        retries: args.retries,
-        wait: args.wait,
-        rt: args.wire.rt,
-        cpu: args.wire.cpu,
-        quiet: args.wire.quiet,
-        verbose: args.wire.verbose,
         color: cli::ColorWhen::Auto,
     }
 }

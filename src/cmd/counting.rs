@@ -59,7 +59,7 @@ impl Counting {
             counts: vec![None; counters.len()],
             counters,
             unwrap: args.unwrap,
-            quiet: args.quiet,
+            quiet: args.wire.quiet,
             said_fast: false,
             said_unknown: false,
             said_lost: false,

@@ -45,8 +45,7 @@ pub(crate) fn run(mut args: cli::Scope, frame_given: bool) -> Result<Ended> {
         _ => None,
     };
     if let Some(preset) = frame.as_ref().and_then(|frame| frame.preset) {
-        let wire = &mut args.wire;
-        fill_in(&wire.link, &mut wire.clock, &mut wire.timeout, preset);
+        fill_in(&mut args.wire, preset);
     }
     schedule(args.wire.cpu, args.wire.rt)?;
     let signals = Signals::catch().map_err(|e| {

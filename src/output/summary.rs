@@ -1,8 +1,9 @@
 //! What a run came to, on stderr.
 
-use super::{Shot, note, say};
+use super::{note, say};
 use crate::cli::OutputFormat;
-use biss::cycle::{Fault, Word};
+use biss::cycle::{Cycle, Fault, Word};
+use biss::format::Format;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Display;
 
@@ -25,22 +26,19 @@ pub(crate) struct Summary {
 }
 
 impl Summary {
-    pub(crate) fn count(&mut self, shot: &Shot) {
+    /// Counts a cycle that took so many tries.
+    pub(crate) fn count(&mut self, format: &Format, cycle: &Cycle, t_ns: u64, tries: u32) {
         self.cycles += 1;
-        let (first, _) = self.span_ns.unwrap_or((shot.t_ns, shot.t_ns));
-        self.span_ns = Some((first, shot.t_ns));
-        self.good += u64::from(shot.cycle.is_good());
-        self.retries += u64::from(shot.tries.unwrap_or(1)) - 1;
-        let words = shot.cycle.words().iter();
-        for fault in shot
-            .cycle
-            .fault()
-            .into_iter()
-            .chain(words.clone().filter_map(Word::fault))
-        {
+        let (first, _) = self.span_ns.unwrap_or((t_ns, t_ns));
+        self.span_ns = Some((first, t_ns));
+        self.good += u64::from(cycle.is_good());
+        self.retries += u64::from(tries) - 1;
+        let words = cycle.words().iter();
+        let faults = words.clone().filter_map(Word::fault);
+        for fault in cycle.fault().into_iter().chain(faults) {
             self.faults[fault.index()] += 1;
         }
-        for (channel, word) in shot.format.channels().iter().zip(words) {
+        for (channel, word) in format.channels().iter().zip(words) {
             if let Some(data) = word.good() {
                 self.error += u64::from(channel.error(data) == Some(true));
                 self.warning += u64::from(channel.warning(data) == Some(true));
