@@ -19,6 +19,7 @@ use std::str::FromStr;
 #[derive(Debug)]
 pub(crate) enum Command {
     Read(Box<Read>),
+    Stats(Box<Stats>),
     Scope(Box<Scope>),
     Capture(Box<Capture>),
     Reg(Box<Reg>),
@@ -39,7 +40,7 @@ struct Verb {
     parse: fn(&ArgMatches) -> Result<Command, clap::Error>,
 }
 
-const VERBS: [Verb; 8] = [
+const VERBS: [Verb; 9] = [
     Verb {
         name: "read",
         about: "Read frames and print them, one record a line",
@@ -47,6 +48,14 @@ const VERBS: [Verb; 8] = [
         after_help: READ_HELP,
         takes: takes::<Read>,
         parse: |typed| parse(typed, Command::Read),
+    },
+    Verb {
+        name: "stats",
+        about: "Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise",
+        before_help: "",
+        after_help: stats::STATS_HELP,
+        takes: takes::<Stats>,
+        parse: |typed| parse(typed, Command::Stats),
     },
     Verb {
         name: "scope",
@@ -224,6 +233,7 @@ Examples:
   biss read spi:0.0 -f st26,nE,nW,crc6 -c 2MHz                 SCLK is MA, MISO is SLO
   biss read gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 0 -i 1ms  two GPIO lines, every millisecond
   biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording
+  biss stats sim                                               rate, jitter, margins, noise
   biss list                                                    what this machine has for an encoder
   biss loopback                                                the program against itself";
 
@@ -673,8 +683,10 @@ impl FromStr for Timeout {
 
 mod reg;
 mod scope;
+mod stats;
 pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
 pub(crate) use scope::Scope;
+pub(crate) use stats::{STATS_FRAMES, Stats};
 
 #[cfg(test)]
 mod generated;

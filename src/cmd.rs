@@ -18,6 +18,7 @@ pub(crate) mod reg;
 mod saved;
 pub(crate) mod scope;
 mod session;
+pub(crate) mod stats;
 mod talk;
 
 use crate::cli::{self, ReportFormat};

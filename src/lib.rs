@@ -64,6 +64,7 @@ pub mod registers;
 pub mod scan;
 pub mod slave;
 pub mod slice;
+pub mod stats;
 pub mod trace;
 pub mod track;
 pub mod unit;

@@ -53,6 +53,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
         .is_some_and(|(_, verb)| typed(verb, "frame"));
     let result = match command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
+        cli::Command::Stats(args) => cmd::stats::run(*args, frame_given),
         cli::Command::Scope(args) => cmd::scope::run(*args, frame_given),
         cli::Command::Capture(args) => cmd::capture::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),

@@ -32,45 +32,76 @@ enum Delay {
     Unknown,
 }
 
-/// The steady phase farthest from where SL changes. `delays` are the whole clocks of line delay seen a quarter, a half,
-/// three quarters and a whole clock after the edge, `None` where frames did not agree.
-fn farthest_from_change(delays: [Option<u16>; 4]) -> Option<Phase> {
-    const PHASES: [Phase; 4] = [
-        Phase::Quarter,
-        Phase::Half,
-        Phase::ThreeQuarters,
-        Phase::Whole,
-    ];
-    // In eighths of a clock, where a phase stands at 2, 4, 6 and 8: at phases that waver, else between two that differ.
-    let next = |index: usize| match index {
-        3 => delays[0].and_then(|clocks| clocks.checked_sub(1)),
-        _ => delays[index + 1],
-    };
-    let wavers = (0..4)
-        .filter(|index| delays[*index].is_none())
-        .map(|index| 2 * index + 2);
-    let steps = (0..4)
-        .filter(|index| delays[*index] != next(*index))
-        .map(|index| 2 * index + 3);
-    let changes: Vec<usize> = if delays.contains(&None) {
-        wavers.collect()
-    } else {
-        steps.collect()
-    };
-    let distance = |index: usize| {
+/// Where [`Link::set_phase`] can put the sample, on links with all four places.
+const PHASES: [Phase; 4] = [
+    Phase::Quarter,
+    Phase::Half,
+    Phase::ThreeQuarters,
+    Phase::Whole,
+];
+
+/// Where in a clock SL changes, as seen from all four places.
+struct Changes {
+    /// Whole clocks of line delay seen a quarter, a half, three quarters and a whole clock after the edge, `None` where
+    /// frames did not agree.
+    delays: [Option<u16>; 4],
+    /// In eighths of a clock, where the places stand at 2, 4, 6 and 8: at those that waver, else between two that differ.
+    eighths: Vec<usize>,
+}
+
+impl Changes {
+    fn seen(delays: [Option<u16>; 4]) -> Changes {
+        let next = |index: usize| match index {
+            3 => delays[0].and_then(|clocks| clocks.checked_sub(1)),
+            _ => delays[index + 1],
+        };
+        let wavers = (0..4)
+            .filter(|index| delays[*index].is_none())
+            .map(|index| 2 * index + 2);
+        let steps = (0..4)
+            .filter(|index| delays[*index] != next(*index))
+            .map(|index| 2 * index + 3);
+        let eighths = if delays.contains(&None) {
+            wavers.collect()
+        } else {
+            steps.collect()
+        };
+        Changes { delays, eighths }
+    }
+
+    /// Eighths of a clock to the next change after this place, and from the last one before it.
+    fn rooms(&self, index: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
         let place = 2 * index + 2;
+        let rooms = move |change: &usize| ((change + 8 - place) % 8, (place + 8 - change) % 8);
+        self.eighths.iter().map(rooms)
+    }
+
+    /// The steady place farthest from where SL changes.
+    fn farthest(&self) -> Option<Phase> {
         // Room to the next change counts a little more: a pause samples late, nothing samples early.
-        let room = changes
-            .iter()
-            .map(|change| ((change + 8 - place) % 8, (place + 8 - change) % 8));
-        room.map(|(after, before)| (after.min(before), after))
-            .min()
-            .unwrap_or((8, 8))
-    };
-    let steady = (0..4).filter(|index| delays[*index].is_some());
-    steady
-        .max_by_key(|index| distance(*index))
-        .map(|index| PHASES[index])
+        let distance = |index: &usize| {
+            let room = self.rooms(*index);
+            room.map(|(after, before)| (after.min(before), after))
+                .min()
+                .unwrap_or((8, 8))
+        };
+        let steady = (0..4).filter(|index| self.delays[*index].is_some());
+        steady.max_by_key(distance).map(|index| PHASES[index])
+    }
+
+    /// How far SL's changes keep from this place at least, in eighths of a clock.
+    fn margin(&self, phase: Phase) -> u8 {
+        let index = phase as usize - 1;
+        // Nothing comes before its edge: what takes less than a clock cannot come too early.
+        let within = self.delays[index] == Some(0);
+        let room = self.rooms(index).map(|(after, before)| match within {
+            true => before,
+            false => before.min(after),
+        });
+        // A change between two places may be at either of them.
+        room.min()
+            .map_or(8, |eighths| eighths.saturating_sub(1) as u8)
+    }
 }
 
 /// What a slot came to.
@@ -565,26 +596,49 @@ impl<'a> Master<'a> {
     }
 
     fn calm_phase(&mut self) -> Result<Option<Phase>, Error> {
-        const PHASES: [Phase; 4] = [
-            Phase::Whole,
-            Phase::ThreeQuarters,
-            Phase::Half,
-            Phase::Quarter,
-        ];
         let mut delays = [None; PHASES.len()];
-        for (index, phase) in PHASES.into_iter().enumerate() {
+        for (index, phase) in PHASES.into_iter().enumerate().rev() {
             match self.delay_at(phase)? {
                 Delay::Unknown => return Ok(None),
                 Delay::Wavering => {}
                 Delay::Clocks(clocks) => delays[index] = Some(clocks),
             }
-            if delays[..2] == [Some(0); 2] {
+            if delays[2..] == [Some(0); 2] {
                 // SL changes less than three quarters after its edge, and never again before the next one.
                 return Ok(Some(Phase::Whole));
             }
         }
-        delays.reverse();
-        Ok(farthest_from_change(delays))
+        Ok(Changes::seen(delays).farthest())
+    }
+
+    /// How far SL's changes keep from where it is sampled, in eighths of a clock: so much earlier or later may a bit come
+    /// and still be read. Runs some twenty frames to see it. None where the link has one place only, times no levels, or
+    /// frames are bad wherever they are sampled.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn margin(&mut self) -> Result<Option<u8>, Error> {
+        /// A single bad frame may be noise.
+        const PATIENCE: usize = 3;
+        let caps = self.link.caps();
+        if !caps.live || !caps.times_levels || caps.phases.len() < PHASES.len() {
+            return Ok(None);
+        }
+        let mut delays = [None; PHASES.len()];
+        for (index, phase) in PHASES.into_iter().enumerate() {
+            for _ in 0..PATIENCE {
+                if let Delay::Clocks(clocks) = self.delay_at(phase)? {
+                    delays[index] = Some(clocks);
+                    break;
+                }
+            }
+        }
+        self.link.set_phase(self.phase)?;
+        self.tracker.forget();
+        self.learn()?;
+        // Where even the place in use is not steady, it is not the place that frames differ for.
+        let steady = delays[self.phase as usize - 1].is_some();
+        Ok(steady.then(|| Changes::seen(delays).margin(self.phase)))
     }
 
     /// Whole clocks of line delay when sampling there, from a few good frames.
@@ -711,8 +765,32 @@ mod tests {
             ([None, None, None, Some(3)], Some(Whole)),
             ([None; 4], None),
         ] {
-            let found = farthest_from_change(delays);
+            let found = Changes::seen(delays).farthest();
             assert_eq!(found, phase, "{delays:?}");
+        }
+    }
+
+    #[test]
+    fn the_margin_is_what_is_left_at_least() {
+        for (delays, phase, eighths) in [
+            // SL changes within an eighth or two of the first place, and never before its edge.
+            ([Some(0); 4], Phase::Whole, 6),
+            ([Some(0); 4], Phase::Half, 2),
+            ([Some(1), Some(0), Some(0), Some(0)], Phase::Whole, 4),
+            // A clock and more: it may come too early, too.
+            ([Some(1); 4], Phase::Half, 2),
+            ([Some(1); 4], Phase::Whole, 0),
+            (
+                [Some(2), Some(1), Some(1), Some(1)],
+                Phase::ThreeQuarters,
+                2,
+            ),
+            ([None, Some(1), Some(1), Some(1)], Phase::ThreeQuarters, 3),
+            ([None, None, Some(1), Some(1)], Phase::ThreeQuarters, 1),
+            ([None; 4], Phase::Whole, 0),
+        ] {
+            let margin = Changes::seen(delays).margin(phase);
+            assert_eq!(margin, eighths, "{delays:?} {phase:?}");
         }
     }
 }

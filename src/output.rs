@@ -9,6 +9,7 @@ pub(crate) mod loopback;
 mod progress;
 pub(crate) mod reg;
 pub(crate) mod scope;
+pub(crate) mod stats;
 mod summary;
 mod text;
 
@@ -242,6 +243,16 @@ fn colored(when: ColorWhen) -> bool {
             anstream::AutoStream::choice(&io::stdout()) != anstream::ColorChoice::Never
         }
     }
+}
+
+/// Columns of the terminal, or of one as terminals usually are.
+fn terminal_width() -> usize {
+    const USUAL_WIDTH: usize = 80;
+    let terminal = || terminal_size::terminal_size().map(|(width, _)| usize::from(width.0));
+    let columns = std::env::var("COLUMNS").ok();
+    let columns = columns.and_then(|columns| columns.parse().ok());
+    let width: usize = columns.or_else(terminal).unwrap_or(USUAL_WIDTH);
+    width.max(1)
 }
 
 fn utf8_locale() -> bool {

@@ -1,7 +1,7 @@
 //! What only the operating system can do: signals, scheduling, pacing. The only unsafe code.
 #![allow(unsafe_code)]
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::{flag, low_level};
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -17,6 +17,8 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub(crate) struct Signals {
     caught: Arc<AtomicUsize>,
+    /// SIGQUIT has come.
+    asked: Arc<AtomicBool>,
     wake: UnixStream,
 }
 
@@ -33,7 +35,21 @@ impl Signals {
             flag::register_usize(signal, Arc::clone(&caught), signal as usize)?;
             low_level::pipe::register(signal, write.try_clone()?)?;
         }
-        Ok(Signals { caught, wake })
+        Ok(Signals {
+            caught,
+            asked: Arc::default(),
+            wake,
+        })
+    }
+
+    /// From here on SIGQUIT asks how it goes, and ends nothing.
+    pub(crate) fn answer_quit(&mut self) -> io::Result<()> {
+        flag::register(SIGQUIT, Arc::clone(&self.asked)).map(drop)
+    }
+
+    /// Whether somebody has asked how it goes, since the last time.
+    pub(crate) fn was_asked(&self) -> bool {
+        self.asked.load(Ordering::Relaxed) && self.asked.swap(false, Ordering::Relaxed)
     }
 
     /// The signal that was caught.
@@ -48,18 +64,22 @@ impl Signals {
         move || caught.load(Ordering::Relaxed) != 0
     }
 
-    /// Waits so long, or until a signal comes.
+    /// Waits so long, or until a signal comes, or somebody asks.
     pub(crate) fn wait(&mut self, time: Duration) {
         let end = Instant::now() + time;
         // A socket's timeout counts in scheduler ticks: it serves for the long part only.
         const TICKS: Duration = Duration::from_millis(20);
-        while self.caught().is_none() {
+        // Who asks need not be answered at once, and must not be forgotten.
+        const PATIENCE: Duration = Duration::from_millis(200);
+        while self.caught().is_none() && !self.asked.load(Ordering::Relaxed) {
             let left = end.saturating_duration_since(Instant::now());
             if left <= TICKS {
                 std::thread::sleep(left);
                 return;
             }
-            let timeout = self.wake.set_read_timeout(Some(left - TICKS / 2));
+            let timeout = self
+                .wake
+                .set_read_timeout(Some((left - TICKS / 2).min(PATIENCE)));
             if timeout.is_err() || matches!(self.wake.read(&mut [0]), Ok(1..)) {
                 return;
             }

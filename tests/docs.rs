@@ -587,6 +587,22 @@ fn every_key_of_a_record_is_explained() {
             keys.extend(record.into_iter().map(|(key, _)| key));
         }
     }
+    let statistics = page("docs/stats.md");
+    for args in [
+        "sim:frame=st12,crc6+st14,crc6 -f auto -n 20 -i 1ms",
+        "file:tests/recordings/bench.vcd -f st26,nE,nW,crc6",
+    ] {
+        let output = run(&format!("biss stats {args} -o json"), 0).output;
+        let object = output.lines().find(|line| line.starts_with('{')).unwrap();
+        let record: Map<String, Value> = serde_json::from_str(object).unwrap();
+        for (key, value) in record {
+            let inner = value.as_array().and_then(|all| all.first()?.as_object());
+            let inner = inner.or(value.as_object()).cloned().unwrap_or_default();
+            for key in inner.into_iter().map(|(key, _)| key).chain([key]) {
+                assert!(statistics.contains(&format!("`{key}`")), "stats.md: {key}");
+            }
+        }
+    }
     let csv = run("biss read sim -o csv -v", 0).output;
     let header = csv.lines().find(|line| line.contains(",seq,")).unwrap();
     keys.extend(header.split(',').map(str::to_owned));

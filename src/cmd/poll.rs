@@ -36,6 +36,9 @@ pub(super) trait Audience {
     /// As [`Audience::cycle`].
     fn flush(&mut self) -> Result<()>;
 
+    /// Somebody has asked how it goes.
+    fn report(&mut self, summary: &Summary);
+
     /// Nothing more is wanted.
     fn enough(&self) -> bool {
         false
@@ -56,6 +59,8 @@ pub(super) enum Gap {
 pub(super) struct Turn {
     /// The slot.
     pub(super) seq: u64,
+    /// When it began, on the link's clock.
+    pub(super) due_ns: Option<u64>,
     /// Cycles it took; none for a recording.
     pub(super) tries: Option<u32>,
 }
@@ -133,6 +138,9 @@ impl Poll<'_> {
     /// When the link fails.
     pub(super) fn open(&mut self, master: &mut Master, audience: &mut dyn Audience) -> Result<()> {
         const BETWEEN_TRIES_NS: u64 = 10_000_000;
+        self.signals.answer_quit().map_err(|e| {
+            anyhow!("catching SIGQUIT: {e}\n  is a limit of this process used up (`ulimit -a`)?")
+        })?;
         let power_on = self.preset.and_then(|preset| preset.power_on);
         let wait = self.polling.wait.or(power_on).unwrap_or_default();
         let patience = master.link().now_ns().saturating_add(wait.0);
@@ -262,6 +270,10 @@ impl Poll<'_> {
             }
             let turn = Turn {
                 seq,
+                due_ns: self
+                    .polling
+                    .interval
+                    .map(|interval| start + seq * interval.0),
                 tries: caps.live.then_some(tries),
             };
             self.summary
@@ -269,6 +281,7 @@ impl Poll<'_> {
             let (first, _) = self.summary.span_ns.unwrap_or_default();
             self.summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
             audience.cycle(&turn, master)?;
+            self.answer(audience);
             seq += 1;
         }
         Ok(())
@@ -294,10 +307,28 @@ impl Poll<'_> {
             wait_ns.saturating_sub(MARGIN_NS)
         };
         if wait > 0 {
-            audience.flush()?;
-            self.signals.wait(Duration::from_nanos(wait));
+            self.wait(Duration::from_nanos(wait), audience)?;
         }
         Ok(())
+    }
+
+    fn wait(&mut self, time: Duration, audience: &mut dyn Audience) -> Result<()> {
+        let end = Instant::now() + time;
+        loop {
+            audience.flush()?;
+            self.signals
+                .wait(end.saturating_duration_since(Instant::now()));
+            self.answer(audience);
+            if self.signals.caught().is_some() || Instant::now() >= end {
+                return Ok(());
+            }
+        }
+    }
+
+    fn answer(&self, audience: &mut dyn Audience) {
+        if self.signals.was_asked() {
+            audience.report(&self.summary);
+        }
     }
 
     /// What a recording shows of a cycle that it cuts is no frame, and no fault of the wire.

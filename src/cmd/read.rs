@@ -112,6 +112,7 @@ impl Plan {
             summary: Summary::default(),
         };
         let run = Run {
+            format: args.format,
             once: self.beside.is_some() && args.polling.count.is_none(),
             beside: self.beside,
             sink: self.sink,
@@ -129,6 +130,8 @@ impl Plan {
 /// Everybody who looks at the frames.
 struct Run {
     beside: Option<Beside>,
+    /// How a summary looks.
+    format: cli::OutputFormat,
     /// All registers once, and nothing else was asked for.
     once: bool,
     sink: Option<Sink>,
@@ -214,6 +217,10 @@ impl Audience for Run {
             Some(sink) => sink.flush(),
             None => Ok(()),
         }
+    }
+
+    fn report(&mut self, summary: &Summary) {
+        summary.print(self.format);
     }
 
     fn enough(&self) -> bool {

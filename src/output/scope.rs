@@ -1,6 +1,6 @@
 //! Diagrams of cycles, as text with colours or as SVG.
 
-use super::{Record, Shot, Time, colored, utf8_locale};
+use super::{Record, Shot, Time, colored, terminal_width, utf8_locale};
 use crate::cli::ColorWhen;
 use anstyle::{AnsiColor, Style};
 use biss::cycle::Cycle;
@@ -37,13 +37,10 @@ pub(crate) struct Wish {
     pub(crate) color: ColorWhen,
 }
 
-/// Without a terminal, as terminals usually are.
-const USUAL_WIDTH: usize = 80;
-
 /// As characters.
 pub(crate) fn text(sheet: &Sheet, wish: Wish) -> String {
     let style = text::Style {
-        width: wish.width.map_or_else(width, usize::from),
+        width: wish.width.map_or_else(terminal_width, usize::from),
         unicode: !wish.ascii && utf8_locale(),
     };
     let color = colored(wish.color);
@@ -82,14 +79,6 @@ pub(crate) fn svg(sheet: &Sheet) -> String {
         })
     });
     svg::draw(&drawn.collect::<Vec<_>>())
-}
-
-fn width() -> usize {
-    let terminal = || terminal_size::terminal_size().map(|(width, _)| usize::from(width.0));
-    let columns = std::env::var("COLUMNS").ok();
-    let columns = columns.and_then(|columns| columns.parse().ok());
-    let width: usize = columns.or_else(terminal).unwrap_or(USUAL_WIDTH);
-    width.max(1)
 }
 
 impl Sheet<'_> {

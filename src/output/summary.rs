@@ -107,16 +107,15 @@ impl Display for Summary {
     }
 }
 
-impl Serialize for Summary {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+impl Summary {
+    /// All keys but the type.
+    pub(super) fn entries<M: SerializeMap>(&self, map: &mut M) -> Result<(), M::Error> {
         struct Kinds<'a>(&'a Summary);
         impl Serialize for Kinds<'_> {
             fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
                 serializer.collect_map(self.0.kinds())
             }
         }
-        let mut map = serializer.serialize_map(None)?;
-        map.serialize_entry("type", "summary")?;
         map.serialize_entry("frames", &self.cycles)?;
         map.serialize_entry("good", &self.good)?;
         map.serialize_entry("faults", &Kinds(self))?;
@@ -125,7 +124,15 @@ impl Serialize for Summary {
         map.serialize_entry("skipped", &self.skipped)?;
         map.serialize_entry("retries", &self.retries)?;
         map.serialize_entry("elapsed_ns", &self.elapsed_ns)?;
-        map.serialize_entry("rate_hz", &self.rate_hz())?;
+        map.serialize_entry("rate_hz", &self.rate_hz())
+    }
+}
+
+impl Serialize for Summary {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("type", "summary")?;
+        self.entries(&mut map)?;
         map.end()
     }
 }

@@ -1,0 +1,123 @@
+//! `biss stats`: many frames in a few numbers.
+
+use super::asked::{NO_FRAME, check, choose_frame};
+use super::line::Line;
+use super::poll::{self, Audience, Gap, Poll, Turn, is_broken_pipe, writing};
+use super::{Ended, auto};
+use crate::cli::{self, ReportFormat, STATS_FRAMES, Wanted};
+use crate::output::stats::Report;
+use crate::output::{Summary, answer};
+use crate::sys::Signals;
+use anyhow::{Result, bail};
+use biss::link::Link;
+use biss::master::Master;
+use biss::preset::Frame;
+use biss::stats::{Due, Stats};
+
+pub(crate) fn run(mut args: cli::Stats, frame_given: bool) -> Result<Ended> {
+    let Some(wanted) = choose_frame(args.frame.as_ref(), &args.wire.link, frame_given) else {
+        bail!(NO_FRAME);
+    };
+    check(&args.wire, &args.polling)?;
+    let (frame, slaves, opened) = match wanted {
+        Wanted::Given(frame) => {
+            let interval = args.polling.interval;
+            match poll::open(&mut args.wire, interval, &frame, || {})? {
+                Ok(opened) => (frame, Vec::new(), opened),
+                Err(ended) => return Ok(ended),
+            }
+        }
+        Wanted::Auto => match auto::ask_frame(&args.wire)? {
+            Ok(answer) => (answer.frame, answer.slaves, (answer.link, answer.signals)),
+            Err(ended) => return Ok(ended),
+        },
+    };
+    let (mut link, signals) = opened;
+    measure(&args, frame, slaves, link.as_mut(), signals)
+}
+
+fn measure(
+    args: &cli::Stats,
+    frame: Frame,
+    slaves: Vec<u8>,
+    link: &mut dyn Link,
+    signals: Signals,
+) -> Result<Ended> {
+    let protocol = Line::of(&args.wire, None).protocol(frame.format);
+    let live = link.caps().live;
+    let mut poll = Poll {
+        wire: &args.wire,
+        polling: &args.polling,
+        preset: frame.preset,
+        protocol: &protocol,
+        signals,
+        usual: if live { STATS_FRAMES } else { 0 },
+        summary: Summary::default(),
+    };
+    let stop = poll.signals.watch();
+    let mut master = Master::new(link, &protocol, args.polling.retries);
+    master.stop_when(&stop);
+    master.keep_distance(poll.distance_ns());
+    let mut meter = Meter {
+        report: Report {
+            stats: Stats::new(&protocol.format),
+            format: protocol.format.clone(),
+            slaves,
+            interval: args.polling.interval,
+            clock_limit: frame.preset.and_then(|preset| preset.clock_max),
+            margin_eighths: None,
+        },
+        wanted: args.format,
+    };
+    if let Err(error) = poll.open(&mut master, &mut meter) {
+        return poll.give_up(error);
+    }
+    // Before the frames, as it runs some of its own; an absent encoder has none.
+    if master.learned().is_some() {
+        meter.report.margin_eighths = master.margin()?;
+    }
+    let result = poll.frames(&mut master, &mut meter);
+    // After an error too: what was measured before it has been measured.
+    let mut told = Ok(());
+    if result.is_ok() || poll.summary.cycles > 0 {
+        let text = meter.report.render(&poll.summary, args.format)?;
+        told = answer(&text).map_err(writing);
+    }
+    let result = result.and(told);
+    if !result.as_ref().is_err_and(is_broken_pipe) {
+        poll.say_ended(live);
+    }
+    poll.ended(result)
+}
+
+/// Counts and measures.
+struct Meter {
+    report: Report,
+    wanted: ReportFormat,
+}
+
+impl Audience for Meter {
+    fn cycle(&mut self, turn: &Turn, master: &mut Master) -> Result<()> {
+        let interval = self.report.interval;
+        let due = turn.due_ns.zip(interval).map(|(at_ns, interval)| Due {
+            at_ns,
+            interval_ns: interval.0,
+        });
+        let (trace, cycle) = (master.trace(), master.cycle());
+        self.report.stats.add(trace, cycle, master.format(), due);
+        Ok(())
+    }
+
+    fn gap(&mut self, _seq: u64, _gap: Gap, _master: &Master) -> Result<()> {
+        self.report.stats.gap();
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn report(&mut self, summary: &Summary) {
+        self.report.say(summary, self.wanted);
+    }
+}
