@@ -29,6 +29,7 @@ complete -c biss -n "__fish_biss_needs_command" -s V -l version -d 'Print versio
 complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
 complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "stats" -d 'Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise'
+complete -c biss -n "__fish_biss_needs_command" -f -a "watch" -d 'A live view for the bench: position, angle, speed, rate, jitter, faults'
 complete -c biss -n "__fish_biss_needs_command" -f -a "scope" -d 'Draw cycles as a data sheet does: both wires, and what each bit of them is'
 complete -c biss -n "__fish_biss_needs_command" -f -a "capture" -d 'Record MA and SLO: VCD, sigrok session or CSV'
 complete -c biss -n "__fish_biss_needs_command" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
@@ -110,6 +111,36 @@ complete -c biss -n "__fish_biss_using_subcommand stats" -s n -l count -d 'Numbe
 complete -c biss -n "__fish_biss_using_subcommand stats" -s q -l quiet -d 'No summary and no notes on stderr'
 complete -c biss -n "__fish_biss_using_subcommand stats" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand stats" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand watch" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves\' registers say' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
+balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
+faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
+lenz-irs\t'Lenz IRS and SAB, inductive ring, 24 bit'
+lika-amm3616\t'Lika AMM3616/4096SC, 12 bit of turns, 16 bit a turn'
+lika-amm3619\t'Lika AMM3619/4096SC, 12 bit of turns, 19 bit a turn'
+lika-sma1\t'Lika SMA1, magnetic linear, 24 bit'
+resolute-18\t'Renishaw RESOLUTE, optical, 18 bit'
+resolute-26\t'Renishaw RESOLUTE, optical, 26 bit'
+resolute-32\t'Renishaw RESOLUTE, optical, 32 bit'
+resolute-36\t'Renishaw RESOLUTE, optical, 36 bit'
+siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'
+auto\t'what the slaves\' registers say'"
+complete -c biss -n "__fish_biss_using_subcommand watch" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l color -d 'Colours' -r -f -a "auto\t'On a terminal, unless NO_COLOR is set'
+always\t'Always'
+never\t'Never'"
+complete -c biss -n "__fish_biss_using_subcommand watch" -s n -l count -d 'Number of frames, 0 for no end [default: 0]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: 10ms]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand watch" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
+complete -c biss -n "__fish_biss_using_subcommand watch" -l ascii -d 'Lines of - and # even where the locale knows better ones'
+complete -c biss -n "__fish_biss_using_subcommand watch" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand scope" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
@@ -326,16 +357,17 @@ complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time 
 complete -c biss -n "__fish_biss_using_subcommand loopback" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s q -l quiet -d 'No summary on stderr'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "stats" -d 'Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "scope" -d 'Draw cycles as a data sheet does: both wires, and what each bit of them is'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "capture" -d 'Record MA and SLO: VCD, sigrok session or CSV'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "command" -d 'Tell slaves to do something'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "info" -d 'Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats scope capture reg command info loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "stats" -d 'Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "watch" -d 'A live view for the bench: position, angle, speed, rate, jitter, faults'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "scope" -d 'Draw cycles as a data sheet does: both wires, and what each bit of them is'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "capture" -d 'Record MA and SLO: VCD, sigrok session or CSV'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "command" -d 'Tell slaves to do something'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "info" -d 'Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "read" -d 'Read registers, one record each'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "write" -d 'Write registers in this order, and read them back: one record each with the old and the new value'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "dump" -d 'All registers as a table: hexadecimal and ASCII, -- is refused, XX could not be read'
@@ -348,6 +380,12 @@ sim\t'simulated encoder'
 file:\t'recording: sigrok session, VCD, CSV'
 exec:\t'a slave in another process, such as an HDL simulator'"
 complete -c biss -n "__fish_biss_using_subcommand stats" -a "gpio:\t'two GPIO lines'
+spi:\t'spidev: SCLK is MA, MISO is SLO'
+wave:\t'spidev: MOSI is MA, MISO is SLO'
+sim\t'simulated encoder'
+file:\t'recording: sigrok session, VCD, CSV'
+exec:\t'a slave in another process, such as an HDL simulator'"
+complete -c biss -n "__fish_biss_using_subcommand watch" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'

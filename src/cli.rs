@@ -20,6 +20,7 @@ use std::str::FromStr;
 pub(crate) enum Command {
     Read(Box<Read>),
     Stats(Box<Stats>),
+    Watch(Box<Watch>),
     Scope(Box<Scope>),
     Capture(Box<Capture>),
     Reg(Box<Reg>),
@@ -40,7 +41,7 @@ struct Verb {
     parse: fn(&ArgMatches) -> Result<Command, clap::Error>,
 }
 
-const VERBS: [Verb; 9] = [
+const VERBS: [Verb; 10] = [
     Verb {
         name: "read",
         about: "Read frames and print them, one record a line",
@@ -56,6 +57,14 @@ const VERBS: [Verb; 9] = [
         after_help: stats::STATS_HELP,
         takes: takes::<Stats>,
         parse: |typed| parse(typed, Command::Stats),
+    },
+    Verb {
+        name: "watch",
+        about: "A live view for the bench: position, angle, speed, rate, jitter, faults",
+        before_help: "",
+        after_help: watch::WATCH_HELP,
+        takes: takes::<Watch>,
+        parse: |typed| parse(typed, Command::Watch),
     },
     Verb {
         name: "scope",
@@ -684,9 +693,11 @@ impl FromStr for Timeout {
 mod reg;
 mod scope;
 mod stats;
+mod watch;
 pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
 pub(crate) use scope::Scope;
 pub(crate) use stats::{STATS_FRAMES, Stats};
+pub(crate) use watch::Watch;
 
 #[cfg(test)]
 mod generated;

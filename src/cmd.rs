@@ -20,6 +20,7 @@ pub(crate) mod scope;
 mod session;
 pub(crate) mod stats;
 mod talk;
+pub(crate) mod watch;
 
 use crate::cli::{self, ReportFormat};
 use crate::output::answer;

@@ -54,6 +54,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
     let result = match command {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
         cli::Command::Stats(args) => cmd::stats::run(*args, frame_given),
+        cli::Command::Watch(args) => cmd::watch::run(*args, frame_given),
         cli::Command::Scope(args) => cmd::scope::run(*args, frame_given),
         cli::Command::Capture(args) => cmd::capture::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),

@@ -12,6 +12,7 @@ pub(crate) mod scope;
 pub(crate) mod stats;
 mod summary;
 mod text;
+pub(crate) mod watch;
 
 pub(crate) use columns::{Column, Shape, choose, columns};
 pub(crate) use progress::Progress;
@@ -23,7 +24,7 @@ use biss::format::{Channel, Format, Kind};
 use biss::place;
 use biss::trace::Trace;
 use std::fmt::Display;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 /// Says something on stderr.
@@ -253,6 +254,19 @@ fn terminal_width() -> usize {
     let columns = columns.and_then(|columns| columns.parse().ok());
     let width: usize = columns.or_else(terminal).unwrap_or(USUAL_WIDTH);
     width.max(1)
+}
+
+/// Whether records go to a terminal.
+fn on_terminal() -> bool {
+    io::stdout().is_terminal()
+}
+
+/// Columns and lines of the terminal.
+fn terminal_size() -> (usize, usize) {
+    let size = terminal_size::terminal_size();
+    size.map_or((80, 24), |(width, height)| {
+        (usize::from(width.0), usize::from(height.0))
+    })
 }
 
 fn utf8_locale() -> bool {

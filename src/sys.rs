@@ -1,7 +1,7 @@
 //! What only the operating system can do: signals, scheduling, pacing. The only unsafe code.
 #![allow(unsafe_code)]
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGTSTP};
 use signal_hook::{flag, low_level};
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -9,8 +9,8 @@ use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Ends loops on Ctrl-C, SIGTERM and SIGHUP, and wakes waits.
@@ -210,5 +210,121 @@ pub(crate) fn pin_to_cpu(cpu: usize) -> io::Result<()> {
     match unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &set) } {
         0 => Ok(()),
         _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// What the terminal has to be told when it is given back.
+static FAREWELL: OnceLock<&'static [u8]> = OnceLock::new();
+/// How it took keys before; none where they do not come from a terminal.
+static BEFORE: OnceLock<Option<libc::termios>> = OnceLock::new();
+/// It is ours.
+static TAKEN: AtomicBool = AtomicBool::new(false);
+
+/// The terminal, taken for a picture on all of it and for keys without echo. It is given back when this is dropped, when
+/// a signal ends the process, when it is stopped, and before a panic is told of.
+pub(crate) struct Terminal {
+    stops: Arc<AtomicBool>,
+}
+
+impl Terminal {
+    /// `farewell` undoes what is going to be printed.
+    pub(crate) fn take(farewell: &'static [u8]) -> io::Result<Terminal> {
+        FAREWELL.get_or_init(|| farewell);
+        BEFORE.get_or_init(keys);
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            // SAFETY: the action does nothing but what a signal handler may: atomics, write and tcsetattr.
+            unsafe { low_level::register(signal, give_back) }?;
+        }
+        let stops = Arc::new(AtomicBool::new(false));
+        flag::register(SIGTSTP, Arc::clone(&stops))?;
+        let told = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            give_back();
+            told(panic);
+        }));
+        let terminal = Terminal { stops };
+        terminal.again();
+        Ok(terminal)
+    }
+
+    /// Keys come one by one, and are not shown.
+    fn again(&self) {
+        TAKEN.store(true, Ordering::SeqCst);
+        if let Some(Some(before)) = BEFORE.get() {
+            let mut now = *before;
+            now.c_lflag &= !(libc::ICANON | libc::ECHO);
+            now.c_cc[libc::VMIN] = 0;
+            now.c_cc[libc::VTIME] = 0;
+            set_keys(&now);
+        }
+    }
+
+    /// The next key that was pressed.
+    pub(crate) fn key(&self) -> Option<u8> {
+        BEFORE.get()?.as_ref()?;
+        if !self.is_taken() {
+            // Keys come line by line again: this would wait for one.
+            return None;
+        }
+        let mut key = 0u8;
+        // SAFETY: the pointer is to one live byte. With VMIN and VTIME 0 nothing is waited for.
+        let n = unsafe { libc::read(libc::STDIN_FILENO, (&raw mut key).cast(), 1) };
+        (n == 1).then_some(key)
+    }
+
+    /// Whether it has not been given back.
+    pub(crate) fn is_taken(&self) -> bool {
+        TAKEN.load(Ordering::SeqCst)
+    }
+
+    /// Stops the process where Ctrl-Z was pressed. True when it goes on after that.
+    pub(crate) fn stop_if_asked(&self) -> bool {
+        if !self.stops.swap(false, Ordering::Relaxed) {
+            return false;
+        }
+        give_back();
+        // Where it cannot be stopped it simply goes on.
+        let _ = low_level::emulate_default_handler(SIGTSTP);
+        self.again();
+        true
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        give_back();
+    }
+}
+
+fn keys() -> Option<libc::termios> {
+    // SAFETY: termios is made of integers, for which zeros are values.
+    let mut now: libc::termios = unsafe { std::mem::zeroed() };
+    // SAFETY: the pointer is to a live termios.
+    let there = unsafe { libc::tcgetattr(libc::STDIN_FILENO, &mut now) } == 0;
+    there.then_some(now)
+}
+
+fn set_keys(how: &libc::termios) {
+    // SAFETY: the pointer is to a live termios. A terminal that is gone needs nothing.
+    unsafe { libc::tcsetattr(libc::STDIN_FILENO, libc::TCSANOW, how) };
+}
+
+/// In a signal handler too.
+fn give_back() {
+    if !TAKEN.swap(false, Ordering::SeqCst) {
+        return;
+    }
+    if let Some(farewell) = FAREWELL.get() {
+        // SAFETY: pointer and length are those of a static. A terminal that is gone needs nothing.
+        unsafe {
+            libc::write(
+                libc::STDOUT_FILENO,
+                farewell.as_ptr().cast(),
+                farewell.len(),
+            )
+        };
+    }
+    if let Some(Some(before)) = BEFORE.get() {
+        set_keys(before);
     }
 }

@@ -155,6 +155,7 @@ const BINARY: &[&str] = &[
     "cli/reg.rs",
     "cli/scope.rs",
     "cli/stats.rs",
+    "cli/watch.rs",
     "cmd.rs",
     "cmd/asked.rs",
     "cmd/auto.rs",
@@ -176,6 +177,7 @@ const BINARY: &[&str] = &[
     "cmd/session.rs",
     "cmd/stats.rs",
     "cmd/talk.rs",
+    "cmd/watch.rs",
     "main.rs",
     "output.rs",
     "output/columns.rs",
@@ -190,6 +192,7 @@ const BINARY: &[&str] = &[
     "output/stats.rs",
     "output/summary.rs",
     "output/text.rs",
+    "output/watch.rs",
     "sys.rs",
 ];
 

@@ -22,7 +22,7 @@ pub(super) trait Audience {
     ///
     /// # Errors
     /// What ends it all.
-    fn cycle(&mut self, turn: &Turn, master: &mut Master) -> Result<()>;
+    fn cycle(&mut self, turn: &Turn, summary: &Summary, master: &mut Master) -> Result<()>;
 
     /// Something between the last cycle and the next one was no frame: a piece of one, or the recording has ended.
     ///
@@ -38,6 +38,19 @@ pub(super) trait Audience {
 
     /// Somebody has asked how it goes.
     fn report(&mut self, summary: &Summary);
+
+    /// Called in a long wait, each [`Audience::patience`].
+    ///
+    /// # Errors
+    /// As [`Audience::cycle`].
+    fn waiting(&mut self, _summary: &Summary) -> Result<()> {
+        Ok(())
+    }
+
+    /// After so long a wait something else is to be looked at.
+    fn patience(&self) -> Duration {
+        Duration::MAX
+    }
 
     /// Nothing more is wanted.
     fn enough(&self) -> bool {
@@ -242,7 +255,7 @@ impl Poll<'_> {
                     at_ns - now.min(at_ns)
                 };
                 self.pace(wait, caps.virtual_time, audience)?;
-                if self.signals.caught().is_some() {
+                if self.signals.caught().is_some() || audience.enough() {
                     break;
                 }
             }
@@ -280,7 +293,7 @@ impl Poll<'_> {
                 .count(master.format(), master.cycle(), master.trace().t_ns, tries);
             let (first, _) = self.summary.span_ns.unwrap_or_default();
             self.summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
-            audience.cycle(&turn, master)?;
+            audience.cycle(&turn, &self.summary, master)?;
             self.answer(audience);
             seq += 1;
         }
@@ -316,10 +329,12 @@ impl Poll<'_> {
         let end = Instant::now() + time;
         loop {
             audience.flush()?;
-            self.signals
-                .wait(end.saturating_duration_since(Instant::now()));
+            let left = end.saturating_duration_since(Instant::now());
+            self.signals.wait(left.min(audience.patience()));
             self.answer(audience);
-            if self.signals.caught().is_some() || Instant::now() >= end {
+            audience.waiting(&self.summary)?;
+            let over = self.signals.caught().is_some() || audience.enough();
+            if over || Instant::now() >= end {
                 return Ok(());
             }
         }

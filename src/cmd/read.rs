@@ -183,7 +183,7 @@ impl Run {
 }
 
 impl Audience for Run {
-    fn cycle(&mut self, turn: &Turn, master: &mut Master) -> Result<()> {
+    fn cycle(&mut self, turn: &Turn, _: &Summary, master: &mut Master) -> Result<()> {
         if let Some(sink) = &mut self.sink {
             sink.cycle(master, true)?;
         }

@@ -97,7 +97,7 @@ struct Meter {
 }
 
 impl Audience for Meter {
-    fn cycle(&mut self, turn: &Turn, master: &mut Master) -> Result<()> {
+    fn cycle(&mut self, turn: &Turn, _: &Summary, master: &mut Master) -> Result<()> {
         let interval = self.report.interval;
         let due = turn.due_ns.zip(interval).map(|(at_ns, interval)| Due {
             at_ns,

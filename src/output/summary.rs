@@ -46,6 +46,20 @@ impl Summary {
         }
     }
 
+    /// What was counted after `base`.
+    pub(super) fn since(&self, base: &Summary) -> Summary {
+        Summary {
+            good: self.good - base.good,
+            faults: std::array::from_fn(|index| self.faults[index] - base.faults[index]),
+            error: self.error - base.error,
+            warning: self.warning - base.warning,
+            skipped: self.skipped - base.skipped,
+            retries: self.retries - base.retries,
+            cycles: self.cycles - base.cycles,
+            ..self.clone()
+        }
+    }
+
     /// Cycles a second, from start to start; none where there is no second start.
     fn rate_hz(&self) -> Option<f64> {
         let (first, last) = self.span_ns?;
@@ -53,7 +67,7 @@ impl Summary {
         (seconds > 0.0).then(|| ((self.cycles - 1) as f64 / seconds * 10.0).round() / 10.0)
     }
 
-    fn kinds(&self) -> impl Iterator<Item = (&'static str, u64)> {
+    pub(super) fn kinds(&self) -> impl Iterator<Item = (&'static str, u64)> {
         Fault::NAMES
             .into_iter()
             .zip(self.faults)

@@ -1,0 +1,177 @@
+//! `biss watch`: a live view for the bench.
+
+use super::asked::{NO_FRAME, check, choose_frame};
+use super::line::Line;
+use super::poll::{self, Audience, Gap, Poll, Turn, is_broken_pipe, recorded, writing};
+use super::{Ended, auto};
+use crate::cli::{self, OutputFormat, Wanted};
+use crate::output::watch::{Painter, View};
+use crate::output::{Summary, note};
+use crate::sys::{Signals, Terminal};
+use anyhow::{Result, anyhow, bail};
+use biss::link::Link;
+use biss::master::Master;
+use biss::preset::Frame;
+use biss::unit::Nanos;
+use std::time::{Duration, Instant};
+
+/// Where the user has not said another one: smooth to look at, and little to do.
+const INTERVAL: Nanos = Nanos(10_000_000);
+
+pub(crate) fn run(mut args: cli::Watch, frame_given: bool) -> Result<Ended> {
+    if recorded(&args.wire) {
+        bail!(
+            "a recording is over at once, there is nothing to watch\n  \
+             biss read prints its frames, biss stats sums them up, biss scope draws them"
+        );
+    }
+    let Some(wanted) = choose_frame(args.frame.as_ref(), &args.wire.link, frame_given) else {
+        bail!(NO_FRAME);
+    };
+    check(&args.wire, &args.polling)?;
+    args.polling.interval.get_or_insert(INTERVAL);
+    let (frame, slaves, opened) = match wanted {
+        Wanted::Given(frame) => {
+            let interval = args.polling.interval;
+            match poll::open(&mut args.wire, interval, &frame, || {})? {
+                Ok(opened) => (frame, Vec::new(), opened),
+                Err(ended) => return Ok(ended),
+            }
+        }
+        Wanted::Auto => match auto::ask_frame(&args.wire)? {
+            Ok(answer) => (answer.frame, answer.slaves, (answer.link, answer.signals)),
+            Err(ended) => return Ok(ended),
+        },
+    };
+    let (mut link, signals) = opened;
+    watch(&args, frame, slaves, link.as_mut(), signals)
+}
+
+fn watch(
+    args: &cli::Watch,
+    frame: Frame,
+    slaves: Vec<u8>,
+    link: &mut dyn Link,
+    signals: Signals,
+) -> Result<Ended> {
+    let protocol = Line::of(&args.wire, None).protocol(frame.format);
+    let mut poll = Poll {
+        wire: &args.wire,
+        polling: &args.polling,
+        preset: frame.preset,
+        protocol: &protocol,
+        signals,
+        usual: 0,
+        summary: Summary::default(),
+    };
+    let stop = poll.signals.watch();
+    let mut master = Master::new(link, &protocol, args.polling.retries);
+    master.stop_when(&stop);
+    master.keep_distance(poll.distance_ns());
+    let interval = args.polling.interval.unwrap_or(INTERVAL);
+    let mut eye = Eye {
+        view: View::new(&protocol.format, &slaves, interval),
+        painter: Painter::new(args.ascii, args.color),
+        terminal: None,
+        due: Instant::now(),
+        over: false,
+    };
+    if let Err(error) = poll.open(&mut master, &mut eye) {
+        return poll.give_up(error);
+    }
+    eye.view.say_how(&master);
+    eye.begin()?;
+    let result = poll.frames(&mut master, &mut eye);
+    let result = result.and_then(|()| eye.paint(&poll.summary));
+    // Gives the terminal back, before anything else is said.
+    eye.terminal = None;
+    if !result.as_ref().is_err_and(is_broken_pipe) && !args.wire.quiet {
+        poll.summary.print(OutputFormat::Text);
+    }
+    poll.ended(result)
+}
+
+/// Looks at all frames, and paints now and then.
+struct Eye {
+    view: View,
+    painter: Painter,
+    /// Where it paints on all of one.
+    terminal: Option<Terminal>,
+    due: Instant,
+    /// Whoever looks has seen enough.
+    over: bool,
+}
+
+impl Eye {
+    fn begin(&mut self) -> Result<()> {
+        if self.painter.is_screen() {
+            let terminal = Terminal::take(Painter::END).map_err(|e| {
+                anyhow!("taking the terminal: {e}\n  `biss watch … | cat` prints plain lines")
+            })?;
+            self.terminal = Some(terminal);
+            self.painter.begin().map_err(writing)?;
+        }
+        Ok(())
+    }
+
+    fn paint(&mut self, summary: &Summary) -> Result<()> {
+        self.due = Instant::now() + self.painter.period();
+        if let Some(terminal) = &self.terminal {
+            while let Some(key) = terminal.key() {
+                match key {
+                    b'q' => self.over = true,
+                    b'z' => self.view.zero(),
+                    b'r' => self.view.begin_anew(summary),
+                    _ => {}
+                }
+            }
+            if !terminal.is_taken() {
+                // It belongs to somebody else again.
+                return Ok(());
+            }
+            if terminal.stop_if_asked() {
+                self.painter.begin().map_err(writing)?;
+            }
+        }
+        self.painter.paint(&mut self.view, summary).map_err(writing)
+    }
+}
+
+impl Audience for Eye {
+    fn cycle(&mut self, turn: &Turn, summary: &Summary, master: &mut Master) -> Result<()> {
+        self.view.take(turn.due_ns, master);
+        match Instant::now() >= self.due {
+            true => self.paint(summary),
+            false => Ok(()),
+        }
+    }
+
+    fn gap(&mut self, _seq: u64, _gap: Gap, _master: &Master) -> Result<()> {
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn report(&mut self, summary: &Summary) {
+        if self.terminal.is_none() {
+            note(summary);
+        }
+    }
+
+    fn waiting(&mut self, summary: &Summary) -> Result<()> {
+        match Instant::now() >= self.due && self.terminal.is_some() {
+            true => self.paint(summary),
+            false => Ok(()),
+        }
+    }
+
+    fn patience(&self) -> Duration {
+        self.painter.period()
+    }
+
+    fn enough(&self) -> bool {
+        self.over
+    }
+}
