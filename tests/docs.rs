@@ -33,7 +33,7 @@ use std::process::{Command, Stdio};
 const TAGS: [&str; 7] = ["console", "sh", "text", "toml", "json", "ini", "verilog"];
 
 /// Programs that pages show and biss does not need.
-const FOREIGN: [&str; 3] = ["python3", "iverilog", "vvp"];
+const FOREIGN: [&str; 5] = ["python3", "iverilog", "vvp", "sqlite3", "gnuplot"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
