@@ -291,7 +291,12 @@ impl Record<'_> {
                 let bare = word.filter(|(channel, _)| channel.crc().is_none());
                 write(out, bare.map(|_| true))
             }
-            Column::Scd => write(out, word.map(|(channel, word)| Scd(channel, word))),
+            Column::Scd => {
+                if let Some((channel, word)) = word {
+                    Scd(channel, word).put(out);
+                }
+                Ok(())
+            }
             _ => write!(out, "{}", self.shot.trace.bits),
         }
     }

@@ -1,6 +1,6 @@
 //! Records for people.
 
-use super::{Good, Place, Record, Time};
+use super::{Good, Place, Record, Time, number};
 use anstyle::{AnsiColor, Style};
 use biss::format::Kind;
 use biss::unit::{Hertz, Nanos};
@@ -108,7 +108,9 @@ impl Good<'_> {
                 Kind::Padding | Kind::Error { .. } | Kind::Warning { .. } => continue,
             };
             separate(out);
-            write!(out, "{name} {value}")?;
+            out.extend_from_slice(name.as_bytes());
+            out.push(b' ');
+            number(out, value);
         }
         if let Some(counts) = self.counts {
             separate(out);
