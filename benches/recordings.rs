@@ -1,7 +1,8 @@
 //! Reading a VCD: our reader against crate `vcd` on the same file, and in memory, then `biss read` against sigrok-cli, which
-//! merely reads the same file, both in turns: `cargo bench --bench recordings [ROUNDS]`.
+//! merely reads the same file; and `biss read` of samples against a loop that reads them. All sides in turns:
+//! `cargo bench --bench recordings [-- ROUNDS [MB]]`, where MB is how much of samples is read.
 //!
-//! The recording is of a master that asks a simulated encoder every 100 µs at 1 MHz. Both readers hand each change of MA and
+//! The VCD is of a master that asks a simulated encoder every 100 µs at 1 MHz. Both readers hand each change of MA and
 //! SLO to the same sink, which must come to the same sum.
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
@@ -9,7 +10,7 @@ use biss::slave::{Config, Slave};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::hint::black_box;
-use std::io::{BufRead, BufReader, Cursor};
+use std::io::{BufRead, BufReader, Cursor, Write as _};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -69,6 +70,8 @@ mod slice {
 }
 
 const ROUNDS: usize = 10;
+/// Of samples.
+const MEGABYTES: usize = 512;
 const CYCLES: u64 = 40_000;
 const FRAME: &str = "st26,nE,nW,crc6";
 const EDGES: u64 = 39;
@@ -153,8 +156,31 @@ fn read_with_crate(text: impl BufRead) -> slice::Slicer {
     slicer
 }
 
+/// A recorder on the wires of a simulated encoder, a byte a sample at 100 MHz: MA 10 MHz, a frame every 40 us.
+fn samples(cycles: u64) -> Vec<u8> {
+    const STEP_NS: u64 = 10;
+    let config: Config = format!("motion=speed,delay=30ns,timeout=12500ns,frame={FRAME}")
+        .parse()
+        .unwrap();
+    let mut slave = Slave::new(config);
+    let mut samples = Vec::new();
+    let mut ma = true;
+    for at_ns in (0..cycles * 40_000).step_by(STEP_NS as usize) {
+        let level = match (at_ns % 40_000).checked_sub(20_000) {
+            Some(since) if since < EDGES * 100 => since % 100 >= 50,
+            _ => true,
+        };
+        if level != ma {
+            ma = level;
+            slave.ma(at_ns, ma);
+        }
+        samples.push(u8::from(ma) | u8::from(slave.slo(at_ns)) << 1);
+    }
+    samples
+}
+
 /// Runs all sides in turns and prints their medians, and the ratio of each to the first.
-fn compare(rounds: usize, bytes: usize, sides: &mut [(&str, &mut dyn FnMut())]) {
+fn compare(rounds: usize, bytes: usize, sides: &mut [(&str, &mut dyn FnMut())]) -> Vec<f64> {
     let mut times: Vec<Vec<Duration>> = vec![Vec::new(); sides.len()];
     for round in 0..=rounds {
         for ((_, run), times) in sides.iter_mut().zip(&mut times) {
@@ -166,12 +192,13 @@ fn compare(rounds: usize, bytes: usize, sides: &mut [(&str, &mut dyn FnMut())]) 
             }
         }
     }
-    let mut base = None;
+    let mut medians = Vec::new();
     for ((name, _), times) in sides.iter().zip(&mut times) {
         times.sort();
         let ms = |at: usize| times[at].as_secs_f64() * 1e3;
         let median = ms(rounds / 2);
-        let ratio = median / *base.get_or_insert(median);
+        medians.push(median);
+        let ratio = median / medians[0];
         println!(
             "{name:32} {median:9.2} ms  {:9.2} to {:9.2}  {:6.0} MB/s  {ratio:6.1}x",
             ms(0),
@@ -179,13 +206,14 @@ fn compare(rounds: usize, bytes: usize, sides: &mut [(&str, &mut dyn FnMut())]) 
             bytes as f64 / 1e3 / median,
         );
     }
+    medians
 }
 
 fn main() {
-    let rounds = std::env::args()
-        .skip(1)
-        .find_map(|arg| arg.parse().ok())
-        .unwrap_or(ROUNDS);
+    let mut numbers = std::env::args().filter_map(|arg| arg.parse().ok());
+    let rounds = numbers.next().unwrap_or(ROUNDS);
+    let megabytes = numbers.next().unwrap_or(MEGABYTES);
+    raw(rounds, megabytes);
     let text = recording(CYCLES).into_bytes();
     println!(
         "{CYCLES} cycles, {} bytes of VCD, {rounds} rounds in turns: median, least to most",
@@ -234,18 +262,56 @@ fn main() {
     sigrok(rounds, &file, leaked.len());
 }
 
+/// Runs a program of which only the time matters; false where there is none.
+fn run(program: &str, args: &[&str]) -> bool {
+    let status = Command::new(program)
+        .args(args)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status();
+    status.is_ok_and(|status| status.success())
+}
+
+/// Samples in the page cache to records, against a program that merely reads them.
+fn raw(rounds: usize, megabytes: usize) {
+    let piece = samples(1000);
+    let pieces = (megabytes * 1_000_000).div_ceil(piece.len());
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench.raw");
+    let mut out = File::create(&file).unwrap();
+    for _ in 0..pieces {
+        out.write_all(&piece).unwrap();
+    }
+    let link = format!("file:{},rate=100MHz,ma=0,slo=1", file.to_str().unwrap());
+    let from = format!("if={}", file.to_str().unwrap());
+    let biss = env!("CARGO_BIN_EXE_biss");
+    println!("P2: samples to records, against a loop of read()");
+    let medians = compare(
+        rounds,
+        pieces * piece.len(),
+        &mut [
+            ("dd bs=256k", &mut || {
+                assert!(run("dd", &[&from, "of=/dev/null", "bs=256k"]));
+            }),
+            ("biss read", &mut || {
+                assert!(run(biss, &["read", &link, "-f", FRAME, "-q"]));
+            }),
+            ("biss read -o json", &mut || {
+                assert!(run(biss, &["read", &link, "-f", FRAME, "-o", "json", "-q"]));
+            }),
+        ],
+    );
+    println!(
+        "P2: text {:.2} x, JSON {:.2} x dd",
+        medians[0] / medians[1],
+        medians[0] / medians[2]
+    );
+    std::fs::remove_file(&file).unwrap();
+}
+
 /// The same in two programs.
 fn sigrok(rounds: usize, file: &Path, bytes: usize) {
     let file = file.to_str().unwrap();
-    let run = |program: &str, args: &[&str]| {
-        let status = Command::new(program)
-            .args(args)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status();
-        status.is_ok_and(|status| status.success())
-    };
     if !run("sigrok-cli", &["--version"]) {
         println!("P3: sigrok-cli is not installed");
         return;
