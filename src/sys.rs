@@ -1,6 +1,9 @@
 //! What only the operating system can do: signals, scheduling, pacing. The only unsafe code.
 #![allow(unsafe_code)]
 
+mod ahead;
+
+use ahead::Ahead;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGTSTP};
 use signal_hook::{flag, low_level};
 use std::fs::{File, OpenOptions};
@@ -93,7 +96,15 @@ pub(crate) struct Input {
     wake: UnixStream,
     caught: Arc<AtomicUsize>,
     before_wait: Box<dyn FnMut()>,
+    /// Read from one place on, so many bytes in a row.
+    in_row: u64,
+    /// A whole file, and where in it the next byte is.
+    whole: Option<u64>,
+    ahead: Option<Ahead>,
 }
+
+/// From so many bytes in a row on a file is read by another thread: short ones are not worth one.
+const WORTH_A_THREAD: u64 = 4 << 20;
 
 impl Input {
     pub(crate) fn new(
@@ -103,11 +114,29 @@ impl Input {
     ) -> io::Result<Input> {
         let wake = signals.wake.try_clone()?;
         Ok(Input {
-            file,
             wake,
             caught: Arc::clone(&signals.caught),
             before_wait: Box::new(before_wait),
+            in_row: 0,
+            whole: is_whole(&file).then_some(0),
+            ahead: None,
+            file,
         })
+    }
+
+    /// What is left of a file that is long enough comes from another thread, where there is a processor for it.
+    fn read_ahead(&mut self) {
+        let Some(at) = self.whole else {
+            return;
+        };
+        let left = self.file.metadata().map_or(0, |data| data.len());
+        let alone = std::thread::available_parallelism().is_ok_and(|n| n.get() == 1);
+        if alone || left.saturating_sub(at) < WORTH_A_THREAD {
+            return;
+        }
+        // Without one it is read as before.
+        let ahead = self.file.try_clone();
+        self.ahead = ahead.and_then(|file| Ahead::start(file, at)).ok();
     }
 
     /// Whether there is something to read, or its end, within so many milliseconds; -1 waits for a signal too.
@@ -130,25 +159,54 @@ impl Input {
         }
         Ok(fds[0].revents != 0)
     }
-}
 
-impl Read for Input {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    /// Until there is something to read, or a signal has come.
+    fn wait(&mut self) -> io::Result<()> {
         if !self.ready(0)? {
             (self.before_wait)();
         }
         while !self.ready(-1)? {
             if self.caught.load(Ordering::Relaxed) != 0 {
-                return Ok(0);
+                break;
             }
         }
-        self.file.read(buffer)
+        Ok(())
+    }
+}
+
+impl Read for Input {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.ahead.is_none() {
+            self.wait()?;
+        }
+        if self.caught.load(Ordering::Relaxed) != 0 {
+            return Ok(0);
+        }
+        let n = match &mut self.ahead {
+            Some(ahead) => ahead.read(buffer)?,
+            None => self.file.read(buffer)?,
+        };
+        let before = self.in_row;
+        self.in_row += n as u64;
+        self.whole = self.whole.map(|at| at + n as u64);
+        if before < WORTH_A_THREAD && self.in_row >= WORTH_A_THREAD {
+            self.read_ahead();
+        }
+        Ok(n)
     }
 }
 
 impl Seek for Input {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
+        let to = match (to, self.whole) {
+            // The file's own place is not ours while it is read ahead.
+            (SeekFrom::Current(by), Some(at)) => SeekFrom::Start(at.saturating_add_signed(by)),
+            (to, _) => to,
+        };
+        let at = self.file.seek(to)?;
+        self.whole = self.whole.map(|_| at);
+        (self.ahead, self.in_row) = (None, 0);
+        Ok(at)
     }
 }
 

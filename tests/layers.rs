@@ -194,6 +194,7 @@ const BINARY: &[&str] = &[
     "output/text.rs",
     "output/watch.rs",
     "sys.rs",
+    "sys/ahead.rs",
 ];
 
 #[test]
