@@ -198,6 +198,12 @@ pub trait Link {
     /// When the device fails, or a recording is damaged: after everything good before it was delivered.
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error>;
 
+    /// Copies the cycle of a recording that comes `index` cycles behind the next one, without taking it. False where there is
+    /// none, and on links that run cycles as they are asked for.
+    fn ahead(&mut self, _index: usize, _trace: &mut Trace) -> bool {
+        false
+    }
+
     /// Adds what both wires have done since the last cycle, and keeps it from now on: the first call hands over the levels as
     /// they are. A cycle hands over its own, and what came before it, through [`Trace::wave`]. Needed only by those who want what
     /// is before the first cycle and after the last one.
@@ -239,6 +245,9 @@ impl<L: Link> Link for Rc<RefCell<L>> {
     }
     fn cycles(&mut self, asks: &[Ask], out: &mut [Trace]) -> Result<usize, Error> {
         self.borrow_mut().cycles(asks, out)
+    }
+    fn ahead(&mut self, index: usize, trace: &mut Trace) -> bool {
+        self.borrow_mut().ahead(index, trace)
     }
     fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
         self.borrow_mut().waveform(wave)

@@ -479,6 +479,7 @@ impl<'a> Master<'a> {
         self.unsettled |= !self.cycle.is_good();
         match verdict {
             Verdict::Stands => None,
+            Verdict::Doubtful(fault) if self.is_vouched_for(fault) => None,
             Verdict::Doubtful(fault) => {
                 self.unsettled = true;
                 // Where the start bit is in doubt, so is CDS.
@@ -488,6 +489,24 @@ impl<'a> Master<'a> {
                 Some(fault)
             }
         }
+    }
+
+    /// Whether what a recording has behind a cycle shows that its start bit stands where it may.
+    fn is_vouched_for(&mut self, fault: Fault) -> bool {
+        if self.link.caps().live || !matches!(fault, Fault::Mismatch { .. }) {
+            return false;
+        }
+        let (mut trace, mut cycle) = (Trace::default(), Cycle::default());
+        for index in 0..u8::MAX {
+            if !self.link.ahead(index.into(), &mut trace) {
+                return false;
+            }
+            self.protocol.decode(&trace, &mut cycle);
+            if let Some(answer) = self.tracker.vouch(index + 1, &trace, &cycle) {
+                return answer;
+            }
+        }
+        false
     }
 
     /// The rest after a fault; where SL can be seen and stays 0, INIT, and only then is the slave not ready.

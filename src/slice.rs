@@ -550,12 +550,16 @@ impl Slicer {
         rest > period * 5 / 4
     }
 
-    /// Whether the next rising edge would have come before: one that comes with SL = 1 then releases CDM = 1.
+    /// Whether the next rising edge would have come before: one that comes with SL = 1 then releases CDM = 1. MA was low for
+    /// longer than in a clock, unless it rested high and goes on: then SL rises for the edge.
     fn is_late(&self, t_ns: u64) -> bool {
         let known = self.cycle.begin != Begin::Unknown;
         let last = self.cycle.rises.last().zip(self.cycle.period());
         let delay = self.cycle.delay().unwrap_or(0);
-        last.is_some_and(|(last, period)| known && t_ns - last > delay + period * 7 / 4)
+        last.is_some_and(|(last, period)| {
+            let held = t_ns.saturating_sub(self.moved_ns) > period * 3 / 4;
+            known && held && t_ns - last > delay + period * 7 / 4
+        })
     }
 
     fn ma_changes(&mut self, t_ns: u64, ma: bool) {
@@ -929,6 +933,25 @@ mod tests {
             bench.pass(rest);
         }
         assert_eq!(bench.faults(FORMAT), [Ok(165), Ok(166), Ok(167), Ok(168)]);
+    }
+
+    /// Behind a pause SL rises with its own edge, without a line delay at the same time: no master lets go of CDM = 1 there.
+    #[test]
+    fn a_bit_that_rises_with_its_edge_behind_a_pause_is_no_end() {
+        for at in 2..EDGES {
+            let config = "motion=still,pos=165,delay=0ns,timeout=20us,frame=st8,crc6";
+            let mut bench = Bench::new(config);
+            bench.pass(50_000);
+            bench.clock(at, 1_000);
+            bench.pass(17_000);
+            bench.clock(EDGES - at, 1_000);
+            bench.pass(60_000);
+            let all = bench.faults(FORMAT);
+            assert!(
+                matches!(all[..], [Err(Fault::Stalled { .. })]),
+                "{at}: {all:?}"
+            );
+        }
     }
 
     /// A trigger's capture: one frame, less than a line delay and a timeout behind its beginning. The slave's own timeout

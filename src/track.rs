@@ -1,7 +1,7 @@
 //! What one frame cannot tell and a row of them can: where the start bit may stand, how long the line delays, and whether
 //! the sign-of-life counter counts.
 
-use crate::cycle::{Cycle, Fault};
+use crate::cycle::{Cycle, Fault, Head};
 use crate::format::{Format, Kind, MAX_CHANNELS};
 use crate::pair;
 use crate::trace::Trace;
@@ -52,6 +52,7 @@ impl Tracker {
 
     fn place(&mut self, trace: &Trace, cycle: &Cycle) -> Verdict {
         let (Some(head), true) = (cycle.head(), cycle.fault().is_none()) else {
+            self.heads.doubt();
             return Verdict::Stands;
         };
         if cycle.words().is_empty() {
@@ -71,13 +72,18 @@ impl Tracker {
             .count();
         if good + null == 0 {
             // A wrong window fails its CRCs nearly always; there is nothing to learn from it.
+            self.heads.doubt();
             return Verdict::Stands;
         }
         let sound = good + null == cycle.words().len();
         let clocks = head.clocks();
         let delay = trace.delay_ns.zip(trace.ma_period_ns);
         let strange = delay.and_then(|(ns, period_ns)| self.line.strange(ns, period_ns, sound));
-        let placed = self.heads.learn(clocks, sound);
+        let start = Start {
+            shown: strange.is_none() && Start::shows(trace, head),
+            ..Start::of(trace, head)
+        };
+        let placed = self.heads.learn(start, sound);
         if let (true, Some(fault)) = (placed, strange) {
             return Verdict::Doubtful(fault);
         }
@@ -91,6 +97,24 @@ impl Tracker {
             low,
             high,
         })
+    }
+
+    /// Of a recording what comes after a cycle may vouch for it, that is doubtful for where its start bit stands. Takes the
+    /// cycles behind it, one after the other and counted from 1, and learns nothing else from them; `None` asks for the next one.
+    pub fn vouch(&mut self, later: u8, trace: &Trace, cycle: &Cycle) -> Option<bool> {
+        let whole = trace.cut.is_none() && !trace.unconfirmed && cycle.fault().is_none();
+        let fine = |fault: Option<Fault>| matches!(fault, None | Some(Fault::Null));
+        let sound = whole && cycle.words().iter().all(|word| fine(word.fault()));
+        let Some(head) = cycle.head().filter(|_| sound) else {
+            return Some(false);
+        };
+        let delay = trace.delay_ns.zip(trace.ma_period_ns);
+        let known = delay.is_some_and(|(ns, period_ns)| self.line.is_known(ns, period_ns));
+        let start = Start {
+            shown: known && Start::shows(trace, head),
+            ..Start::of(trace, head)
+        };
+        self.heads.vouch(later, start)
     }
 
     /// Least and most clocks from edge 2 to the start edge that are trusted.
@@ -174,23 +198,105 @@ impl Life {
     }
 }
 
+/// Where the start bit of a frame stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Start {
+    /// Clocks from edge 2.
+    clocks: u16,
+    /// Clocks from there to the last one.
+    left: u16,
+    /// SL changed twice until then, both times with a clock, and the line delay is the one that is known.
+    shown: bool,
+}
+
+impl Start {
+    fn of(trace: &Trace, head: Head) -> Start {
+        Start {
+            clocks: head.clocks(),
+            left: (trace.bits.len() as u16).saturating_sub(head.clocks()),
+            shown: false,
+        }
+    }
+
+    /// Whether Ack and start bit stand whole clocks apart where they were measured too. A spike in Ack or a start bit that is
+    /// missing leaves SL elsewhere, but for one that is exactly a bit.
+    fn shows(trace: &Trace, head: Head) -> bool {
+        let (Some(period), Some(busy)) = (trace.ma_period_ns, trace.busy_ns) else {
+            return false;
+        };
+        let clocked = u32::from(head.ack).saturating_mul(period);
+        trace.delay_ns.is_some() && busy.abs_diff(clocked) <= period / 4 + 1
+    }
+}
+
 /// How many clocks after edge 2 the start bit may stand.
 ///
 /// A length counts once it has been seen twice within a few frames, or lies between two that have: an encoder's busy
 /// time wanders, and a flipped bit does not come back so soon at the same place with a good CRC.
+///
+/// A recording shows more. A start bit that is misread gives a bad frame far more often than a good one, so two good frames
+/// close to each other, nothing bad between them, are two of an encoder whose busy time wanders by more. And a master that
+/// counts from the start bit on has seen it where it was read here: then it clocks as often behind it in every frame, wherever
+/// it stood.
 #[derive(Clone, Copy, Debug, Default)]
 struct Heads {
     range: Option<(u16, u16)>,
     /// Seen once: outside the range, or before there is one.
     candidate: Option<Candidate>,
+    counted: Counted,
     trusting: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    clocks: u16,
+    start: Start,
     /// Frames since.
     age: u8,
+    /// One of them was bad.
+    doubted: bool,
+}
+
+impl Candidate {
+    /// Whether another start vouches for this one, wherever it stands.
+    fn agrees(&self, other: Start) -> bool {
+        self.start.shown && other.shown && !self.doubted
+    }
+}
+
+/// A master that ran as many clocks behind the start bit so often, and one time more, counts them from there.
+const COUNTED_FRAMES: u8 = 3;
+
+/// How many clocks a master ran behind the start bit, in good frames one after the other.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counted {
+    last: Option<Start>,
+    /// As many in so many frames.
+    frames: u8,
+    /// In which the start bit stood at different places.
+    wandered: bool,
+}
+
+impl Counted {
+    fn note(&mut self, start: Start) {
+        let same = self.last.filter(|last| last.left == start.left);
+        *self = match same {
+            Some(last) => Counted {
+                last: Some(start),
+                frames: self.frames.saturating_add(1),
+                wandered: self.wandered || last.clocks != start.clocks,
+            },
+            None => Counted {
+                last: Some(start),
+                ..Counted::default()
+            },
+        };
+    }
+
+    /// Whether the master has seen the start bit there.
+    fn agrees(&self, start: Start) -> bool {
+        let same = self.last.is_some_and(|last| last.left == start.left);
+        start.shown && same && self.wandered && self.frames >= COUNTED_FRAMES
+    }
 }
 
 /// A candidate that has not come back within so many frames was noise: an encoder that stands still would show the
@@ -204,12 +310,22 @@ impl Heads {
         self.range = Some((low.min(clocks), high.max(clocks)));
     }
 
+    /// A frame was bad.
+    fn doubt(&mut self) {
+        self.counted = Counted::default();
+        if let Some(candidate) = &mut self.candidate {
+            candidate.doubted = true;
+        }
+    }
+
     /// Whether a frame of this length counts. `sound` frames have no bad word.
-    fn learn(&mut self, clocks: u16, sound: bool) -> bool {
-        if self
-            .range
-            .is_some_and(|(low, high)| (low..=high).contains(&clocks))
-        {
+    fn learn(&mut self, start: Start, sound: bool) -> bool {
+        if !sound {
+            self.doubt();
+        }
+        let clocks = start.clocks;
+        if self.holds(clocks) {
+            self.counted.note(start);
             self.candidate = self
                 .candidate
                 .map(|c| Candidate {
@@ -223,9 +339,25 @@ impl Heads {
             // A shifted window may give one of several channels a good CRC; it teaches nothing.
             return false;
         }
-        let seen = self.candidate.replace(Candidate { clocks, age: 0 });
+        if self.trusting && self.counted.agrees(start) {
+            self.counted.note(start);
+            self.reach(clocks);
+            return true;
+        }
+        let seen = self.candidate.replace(Candidate {
+            start,
+            age: 0,
+            doubted: false,
+        });
+        let agrees = |seen: &Candidate| !self.holds(seen.start.clocks) && seen.agrees(start);
+        if let Some(seen) = seen.filter(|seen| self.trusting && agrees(seen)) {
+            self.counted.note(start);
+            self.reach(seen.start.clocks);
+            self.reach(clocks);
+            return true;
+        }
         let seen = seen
-            .map(|c| c.clocks)
+            .map(|c| c.start.clocks)
             .filter(|seen| seen.abs_diff(clocks) <= 1);
         let (low, high) = match (self.range, seen) {
             (None, None) if self.trusting && sound => (clocks, clocks),
@@ -236,7 +368,32 @@ impl Heads {
             (Some((low, _)), Some(seen)) => (low, seen.min(clocks)),
         };
         self.range = Some((low, high));
-        (low..=high).contains(&clocks)
+        self.counted.note(start);
+        self.holds(clocks)
+    }
+
+    fn holds(&self, clocks: u16) -> bool {
+        let range = self.range;
+        range.is_some_and(|(low, high)| (low..=high).contains(&clocks))
+    }
+
+    /// Whether a frame that came `later` ones behind the last one vouches for it.
+    fn vouch(&mut self, later: u8, start: Start) -> Option<bool> {
+        let candidate = self.candidate.filter(|_| self.trusting);
+        let Some(first) = candidate.filter(|_| later <= CANDIDATE_FRAMES) else {
+            return Some(false);
+        };
+        if self.holds(start.clocks) {
+            return None;
+        }
+        if !first.agrees(start) {
+            return Some(false);
+        }
+        self.reach(first.start.clocks);
+        self.reach(start.clocks);
+        self.counted.note(first.start);
+        self.candidate = None;
+        Some(true)
     }
 }
 
@@ -250,10 +407,15 @@ struct LineDelay {
 }
 
 impl LineDelay {
+    fn is_known(&self, ns: u32, period_ns: u32) -> bool {
+        self.learned_ns
+            .is_some_and(|learned| learned.abs_diff(ns) <= period_ns)
+    }
+
     /// What is strange about the delay of a frame. `sound` frames have no bad word.
     fn strange(&mut self, ns: u32, period_ns: u32, sound: bool) -> Option<Fault> {
         let near = |other: &u32| other.abs_diff(ns) <= period_ns;
-        if self.learned_ns.is_some_and(|learned| near(&learned)) {
+        if self.is_known(ns, period_ns) {
             self.candidate_ns = None;
             return None;
         }
@@ -279,7 +441,6 @@ impl LineDelay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cycle::Head;
     use crate::frame::{BissC, emit};
     use crate::protocol::Protocol;
     use crate::trace::Trace;
@@ -338,6 +499,89 @@ mod tests {
         assert_eq!(tracker.heads(), Some((5, 5)));
         assert_eq!(run(&mut tracker, &[3, 8, 3, 3, 9, 8]), "---+-+");
         assert_eq!(tracker.heads(), Some((3, 8)));
+    }
+
+    /// What a recording shows of such a frame, with so many clocks in it.
+    fn shown(ack: u16, clocks: usize) -> (Format, Trace, Cycle) {
+        let (format, cycle) = cycle("st8,crc6", ack, &[1], None);
+        let mut trace = Trace {
+            delay_ns: Some(100),
+            busy_ns: Some(1000 * u32::from(ack)),
+            ma_period_ns: Some(1000),
+            ..Trace::default()
+        };
+        trace.bits.extend((0..clocks).map(|_| false));
+        (format, trace, cycle)
+    }
+
+    /// Good frames of a recording; `x` is a bad one.
+    fn run_shown(frames: &[(u16, usize)]) -> String {
+        let mut tracker = Tracker::trusting();
+        let mut judge = |(ack, clocks): &(u16, usize)| {
+            if *ack == 0 {
+                let (format, mut bad) = cycle("st8,crc6", 3, &[1], Some(7));
+                tracker.judge(&format, &Trace::default(), &mut bad);
+                return 'x';
+            }
+            let (format, trace, mut cycle) = shown(*ack, *clocks);
+            match tracker.judge(&format, &trace, &mut cycle) {
+                Verdict::Stands => '+',
+                Verdict::Doubtful(_) => '-',
+            }
+        };
+        frames.iter().map(&mut judge).collect()
+    }
+
+    #[test]
+    fn a_recording_shows_that_busy_times_wander() {
+        let same =
+            |acks: &[u16]| -> Vec<(u16, usize)> { acks.iter().map(|ack| (*ack, 60)).collect() };
+        assert_eq!(run_shown(&same(&[3, 7, 11, 5])), "+-++");
+        // A bad frame between them, or too many frames.
+        assert_eq!(run_shown(&same(&[3, 7, 0, 11, 5])), "+-x-+");
+        assert_eq!(
+            run_shown(&same(&[3, 7, 3, 3, 3, 3, 3, 3, 3, 3, 11])),
+            "+-++++++++-"
+        );
+        // As many clocks behind the start bit, wherever it stands.
+        let counted = |acks: &[u16]| -> Vec<(u16, usize)> {
+            acks.iter()
+                .map(|ack| (*ack, 30 + usize::from(*ack)))
+                .collect()
+        };
+        let wander = [3, 4, 4, 3, 4, 3, 3, 3, 3, 3, 3, 3, 3, 9];
+        assert_eq!(run_shown(&counted(&wander)), "+-++++++++++++");
+        let mut odd = counted(&wander);
+        odd[13].1 += 1;
+        assert_eq!(run_shown(&odd), "+-+++++++++++-");
+        assert_eq!(run_shown(&counted(&[3, 3, 3, 3, 3, 9])), "+++++-");
+    }
+
+    #[test]
+    fn what_comes_behind_a_frame_may_vouch_for_it() {
+        let vouched = |later: &[(u16, usize)], flip: Option<usize>| {
+            let mut tracker = Tracker::trusting();
+            for ack in [3, 7] {
+                let (format, trace, mut cycle) = shown(ack, 60);
+                tracker.judge(&format, &trace, &mut cycle);
+            }
+            let answers = later.iter().zip(1..).map(|((ack, clocks), later)| {
+                let (_, trace, good) = shown(*ack, *clocks);
+                let (_, bad) = cycle("st8,crc6", *ack, &[1], flip);
+                tracker.vouch(later, &trace, if flip.is_some() { &bad } else { &good })
+            });
+            let answers: Vec<Option<bool>> = answers.collect();
+            (answers, tracker.heads())
+        };
+        let (yes, no) = (Some(true), Some(false));
+        assert_eq!(
+            vouched(&[(3, 60), (9, 60)], None),
+            (vec![None, yes], Some((3, 9)))
+        );
+        assert_eq!(vouched(&[(9, 60)], Some(14)), (vec![no], Some((3, 3))));
+        let (answers, heads) = vouched(&[(3, 60); 9], None);
+        assert_eq!(answers[..8], [None; 8]);
+        assert_eq!((answers[8], heads), (no, Some((3, 3))));
     }
 
     /// Line delays in ns at a clock of 1 µs, the start bit always in its place.

@@ -143,7 +143,7 @@ fn recordings() -> Vec<(&'static str, &'static str, i32, String)> {
     let bench_vcd = bench.vcd();
 
     let mut slow_start = Bench::new(
-        &format!("{plain},busy=1us..4us,warning=40%,error=20%,frame={FRAME}"),
+        &format!("{plain},busy=1us..4us,seed=3,warning=40%,error=20%,frame={FRAME}"),
         500,
     );
     slow_start.rest(50_000);

@@ -22,6 +22,7 @@ use names::{MA, Picked, SLO, list, pick};
 use raw::Raw;
 use source::{Channel, Source};
 use sr::Sr;
+use std::collections::VecDeque;
 use tape::{Disk, Tape};
 use vcd::Vcd;
 
@@ -59,6 +60,8 @@ pub struct Recording {
     name: String,
     notes: Vec<String>,
     slicer: Slicer,
+    /// Cycles that were looked at before it was their turn.
+    ahead: VecDeque<Trace>,
     now_ns: u64,
     ended: bool,
     damage: Option<Error>,
@@ -104,6 +107,7 @@ pub fn open(input: Input, name: &str, asked: &Asked) -> Result<Recording, Error>
         name: name.to_owned(),
         notes,
         slicer: Slicer::new(asked.timeout_max_ns),
+        ahead: VecDeque::new(),
         now_ns: 0,
         ended: false,
         damage: None,
@@ -311,7 +315,6 @@ impl Recording {
     fn next_trace(&mut self, trace: &mut Trace) -> bool {
         loop {
             if self.slicer.take(trace) {
-                self.now_ns = trace.t_ns;
                 return true;
             }
             if self.ended {
@@ -332,6 +335,26 @@ impl Recording {
                 )
             });
         }
+    }
+}
+
+impl Recording {
+    /// The next one, whether it was looked at before or not.
+    fn turn(&mut self, trace: &mut Trace) -> bool {
+        let there = match self.ahead.pop_front() {
+            Some(next) => {
+                // Somebody may have asked for waveforms meanwhile.
+                let wave = trace.wave.take().filter(|_| next.wave.is_none());
+                *trace = next;
+                trace.wave = trace.wave.take().or(wave);
+                true
+            }
+            None => self.next_trace(trace),
+        };
+        if there {
+            self.now_ns = trace.t_ns;
+        }
+        there
     }
 }
 
@@ -387,7 +410,7 @@ impl Link for Recording {
             self.slicer.keep_waveform();
         }
         for (done, trace) in out.iter_mut().take(wanted).enumerate() {
-            if !self.next_trace(trace) {
+            if !self.turn(trace) {
                 return match self.damage.take() {
                     Some(damage) if done == 0 => Err(damage),
                     damage => {
@@ -400,8 +423,27 @@ impl Link for Recording {
         Ok(wanted)
     }
 
+    fn ahead(&mut self, index: usize, trace: &mut Trace) -> bool {
+        while self.ahead.len() <= index {
+            let mut next = Trace::default();
+            if self.slicer.keeps_waveform() {
+                next.wave = Some(Box::default());
+            }
+            if !self.next_trace(&mut next) {
+                return false;
+            }
+            self.ahead.push_back(next);
+        }
+        trace.clone_from(&self.ahead[index]);
+        true
+    }
+
     fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
         self.slicer.keep_waveform();
+        if !self.ahead.is_empty() {
+            // What there is belongs to those cycles.
+            return Ok(());
+        }
         self.slicer.rest(wave);
         if self.ended {
             self.now_ns = self.source.now_ns();

@@ -88,6 +88,9 @@ impl Link for Tap {
         self.keep(out);
         ran
     }
+    fn ahead(&mut self, index: usize, trace: &mut Trace) -> bool {
+        self.link.ahead(index, trace)
+    }
     fn waveform(&mut self, wave: &mut Waveform) -> Result<(), Error> {
         let from = wave.changes.len();
         self.link.waveform(wave)?;
