@@ -182,6 +182,8 @@ struct Edges {
     shortest_ns: Option<u64>,
     /// SL changes, the first entry is the level when the cycle began.
     slo: Vec<(u64, Option<bool>)>,
+    /// So often SL rose as at the end of a cycle, but for the line delay that was measured.
+    doubts: u8,
     /// Until then an Ack may belong to the cycle before, from which this one was split by a pause, because nothing had
     /// answered; and how long that pause was.
     suspect: Option<(u64, u64)>,
@@ -525,29 +527,26 @@ impl Slicer {
             return false;
         };
         let rest = t_ns - last;
-        let known = self.cycle.begin != Begin::Unknown;
         // Less than what is asked for below, whatever the line delay and the period: most changes are no end.
-        if rest
-            <= if known {
-                shortest * 3 / 4
-            } else {
-                shortest * 5 / 4
-            }
-        {
+        if rest <= shortest * 3 / 4 {
             return false;
         }
-        let delay = self.cycle.delay().unwrap_or(0);
-        if known && rest <= delay + shortest / 2 {
+        let delay = match self.cycle.begin {
+            Begin::Unknown => None,
+            _ => Some(self.cycle.delay().unwrap_or(0)),
+        };
+        if delay.is_some_and(|delay| delay <= LINE_DELAY_MAX_NS && rest <= delay + shortest / 2) {
             return false;
         }
         let Some(period) = self.cycle.period() else {
             return false;
         };
-        if known {
-            return rest > delay + period * 3 / 4;
+        match delay.filter(|delay| *delay <= LINE_DELAY_MAX_NS + period) {
+            Some(delay) => rest > delay + period * 3 / 4,
+            // It was measured from an edge that was hardly the second one of its frame. The shortest timeout is as long as the
+            // slowest clock, and MA rests.
+            None => rest > period * 7 / 8 && t_ns - self.moved_ns > period * 3 / 4,
         }
-        // The delay was measured from an edge that was hardly the second one of its frame.
-        rest > period * 5 / 4
     }
 
     /// Whether the next rising edge would have come before: one that comes with SL = 1 then releases CDM = 1. MA was low for
@@ -586,6 +585,11 @@ impl Slicer {
                 self.end(t_ns, None);
             }
         }
+        if self.state == State::Running && !ma && self.has_ended_twice(rest_ns) {
+            self.ready(self.slo_ns);
+            // Nobody knows how long the line delays, so neither what is still on its way.
+            self.begin = Begin::Unknown;
+        }
         match (self.state, ma) {
             (State::Rest, false) => {
                 self.arm(t_ns, rest_ns);
@@ -602,6 +606,20 @@ impl Slicer {
             }
             (State::Armed | State::Running, true) => self.rise(t_ns),
         }
+    }
+
+    /// Whether this rest of MA is the second one that looks like the end of a cycle, but for a line delay that is longer: no
+    /// master pauses so often, so it was none. Without this one answer that comes late would make one cycle of all.
+    fn has_ended_twice(&mut self, rest_ns: u64) -> bool {
+        if rest_ns <= TIMEOUT_MIN_NS || self.slo != Some(true) {
+            return false;
+        }
+        let risen = self.slo_ns.saturating_sub(self.risen_ns);
+        let clock = self.cycle.shortest_ns.unwrap_or(0);
+        if risen > clock * 3 / 4 {
+            self.cycle.doubts = self.cycle.doubts.saturating_add(1);
+        }
+        self.cycle.doubts > 1
     }
 
     fn rise(&mut self, t_ns: u64) {
@@ -850,7 +868,7 @@ fn measure_levels(edges: &Edges, trace: &mut Trace) {
 mod tests {
     use super::*;
     use crate::cycle::{Cycle, Fault};
-    use crate::frame::BissC;
+    use crate::frame::{BissC, Stall};
     use crate::protocol::Protocol;
     use crate::slave::{Config, Slave};
 
@@ -902,8 +920,20 @@ mod tests {
         }
 
         fn faults(&mut self, format: &str) -> Vec<Result<u64, Fault>> {
+            self.faults_of(format, None)
+        }
+
+        /// Of a slave that is known to wait so long at least.
+        fn faults_of(
+            &mut self,
+            format: &str,
+            least_ns: impl Into<Option<u32>>,
+        ) -> Vec<Result<u64, Fault>> {
             self.slicer.finish(self.t);
-            let protocol = BissC::new(format.parse().unwrap());
+            let mut protocol = BissC::new(format.parse().unwrap());
+            if let Some(min_ns) = least_ns.into() {
+                protocol.stall = Stall::Static { min_ns };
+            }
             let (mut trace, mut cycle) = (Trace::default(), Cycle::default());
             let mut all = Vec::new();
             while self.slicer.take(&mut trace) {
@@ -1169,6 +1199,56 @@ mod tests {
             bench.pass(30_000);
             let all = bench.faults(FORMAT);
             assert!(matches!(all[..], [Err(_), Ok(165)]), "{all:?}");
+        }
+    }
+
+    /// An encoder that is plugged in during a frame answers, but nobody that asked so long ago.
+    #[test]
+    fn an_answer_that_is_too_late_keeps_no_cycle_open() {
+        for (plugged_us, rest_ns) in [(22, 25_000), (30, 25_000), (43, 25_000), (52, 21_000)] {
+            let config = format!(
+                "motion=count,pos=165,absent={}us,timeout=20us,frame=st8,crc6",
+                50 + plugged_us
+            );
+            let mut bench = Bench::new(&config);
+            bench.pass(50_000);
+            for _ in 0..8 {
+                bench.clock(75, 500);
+                bench.pass(rest_ns);
+            }
+            let all = bench.faults(FORMAT);
+            // A line may delay by up to 40 µs: a rest is needed to see that it does not.
+            let lost = if plugged_us < 42 { 2 } else { 1 };
+            let good = (165 + lost..173).map(Ok).collect::<Vec<_>>();
+            assert_eq!(all[1..], good, "{plugged_us}: {all:?}");
+            assert!(all[0].is_err(), "{all:?}");
+        }
+    }
+
+    /// The slowest clocks and the shortest timeout: SL = 1 comes a clock after the last edge, or little more.
+    #[test]
+    fn a_slow_clock_and_a_short_timeout_end_even_a_piece() {
+        for half in [4_000, 5_000, 6_000, 6_250] {
+            for delay in ["0ns", "100ns", "3us", "7us"] {
+                for (lead, cdm) in [(1_500, false), (1_500, true), (9_000, false)] {
+                    let config = format!(
+                        "motion=count,pos=165,delay={delay},timeout=12500ns,frame=st8,crc6"
+                    );
+                    let mut bench = Bench::new(&config);
+                    bench.pass(lead);
+                    for _ in 0..8 {
+                        bench.clock(EDGES, half);
+                        bench.ma(!cdm);
+                        bench.pass(25_000);
+                        bench.ma(true);
+                        bench.pass(half);
+                    }
+                    bench.pass(90_000);
+                    let all = bench.faults_of(FORMAT, 13_000);
+                    let good = (166..173).map(Ok).collect::<Vec<_>>();
+                    assert_eq!(all[1..], good, "{half} {delay} {lead} {cdm}: {all:?}");
+                }
+            }
         }
     }
 
