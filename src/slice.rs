@@ -157,6 +157,10 @@ const STAMP_MAX_NS: u64 = 1_000_000_000 / (CLOCK_MIN_HZ as u64 * 8) + 1;
 /// as unknown, and no memory and no time are spent on it.
 const MOST_CHANGES: usize = 2 * MAX_CLOCKS;
 
+/// Changes that are kept for the next trace, where somebody wants them: more than a block of any source holds. Where SL makes
+/// noise and nobody clocks it the oldest ones are of no use.
+const MOST_LOGGED: usize = 1 << 17;
+
 /// So many likely cycles in a row with the same line delay are certain. Pieces measure a delay too, and all bits of a line
 /// stand at the same place in a clock: two or three that agree were met, by chance, in millions of recordings.
 const CONFIRMING: usize = 4;
@@ -362,6 +366,9 @@ impl Slicer {
         self.settle(t_ns);
         self.t_ns = t_ns;
         if let Some(log) = &mut self.log {
+            if log.len() == MOST_LOGGED {
+                log.pop_front();
+            }
             log.push_back(Change { t_ns, ma, slo });
         }
         if slo != self.slo {
@@ -1250,6 +1257,40 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// SL makes noise and nobody clocks it, for long. The next frame has all of its own changes.
+    #[test]
+    fn noise_without_cycles_takes_no_memory() {
+        let mut bench = Bench::new(CONFIG);
+        bench.slicer.keep_waveform();
+        for spike in 0..3 * MOST_LOGGED as u64 {
+            bench.slicer.push(10 * spike, true, Some(spike % 2 == 0));
+        }
+        assert_eq!(bench.slicer.backlog(), MOST_LOGGED);
+        bench.t = 30 * MOST_LOGGED as u64 + 1000;
+        bench.slicer.push(bench.t, true, Some(true));
+        bench.pass(100_000);
+        let began = bench.t;
+        bench.clock(EDGES, 500);
+        bench.pass(100_000);
+        let mut trace = Trace {
+            wave: Some(Box::default()),
+            ..Trace::default()
+        };
+        bench.slicer.finish(bench.t);
+        assert!(bench.slicer.take(&mut trace));
+        let changes = &trace.wave.as_ref().unwrap().changes;
+        let own = changes.iter().filter(|change| change.t_ns >= began);
+        let mut falls = 0;
+        let mut before = true;
+        for change in own {
+            falls += usize::from(before && !change.ma);
+            before = change.ma;
+        }
+        assert_eq!((trace.t_ns, falls), (began, EDGES));
+        assert!(changes.len() <= MOST_LOGGED + 1);
+        assert!(bench.slicer.backlog() < 2);
     }
 
     #[test]
