@@ -264,6 +264,7 @@ fn damage_names_its_line_after_what_was_good() {
         ("0.1,1,0,3.3", "`3.3` in column `SLO` is no level"),
         ("0.1,1", "2 columns, where there should be 4"),
         ("-0.0000753001,1,0,1", "backwards"),
+        ("1e17,1,0,1", "beyond any use"),
     ] {
         let path = file("damaged.csv", &broken(at, line));
         let (records, stderr, status) = read(&path, "");

@@ -370,6 +370,16 @@ struct Wave {
 /// From there on times are no longer told apart by the nanosecond where they are averaged: 50 days.
 const FAR_FS: i128 = (1 << 52) * 1_000_000;
 
+/// 300 000 years: no date is so far, and no recording is so long.
+const USELESS_FS: i128 = 10_000_000_000_000 * SECOND_FS;
+
+const USELESS: &str = "the time is beyond any use: it takes thousands of years";
+
+#[inline(always)]
+fn is_useless(clock: Clock, time: i128) -> bool {
+    matches!(clock, Clock::Column { .. }) && !(-USELESS_FS..=USELESS_FS).contains(&time)
+}
+
 impl Wave {
     #[inline(always)]
     fn take(
@@ -389,10 +399,16 @@ impl Wave {
                 };
                 self.origin = if (0..far).contains(&time) { 0 } else { time };
                 self.time = time;
+                if is_useless(clock, time) {
+                    return Err(USELESS);
+                }
             }
             if time != self.time {
                 if time < self.time {
                     return Err("time goes backwards");
+                }
+                if is_useless(clock, time - self.origin) {
+                    return Err(USELESS);
                 }
                 (self.time, self.moved) = (time, false);
             }
