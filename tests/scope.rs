@@ -752,6 +752,9 @@ fn what_makes_no_sense_is_refused() {
         ("scope sim --within 5", "--fault"),
         ("scope sim --width 0", "0 is not in"),
         ("scope sim --at 5", "no unit"),
+        ("scope sim -w x.png", "-w x.svg"),
+        ("scope sim -w a.b.PDF", "-w a.b.svg"),
+        ("scope sim --skip 99999999999", "--skip 99999999999"),
         (
             "scope file:tests/recordings/none.vcd",
             "opening the recording",
@@ -761,4 +764,26 @@ fn what_makes_no_sense_is_refused() {
         assert_eq!((stdout.as_str(), status), ("", Some(2)), "{args}");
         assert!(stderr.contains(words), "{args}: {stderr}");
     }
+}
+
+/// What is left out may take long: Ctrl-C ends it, and it says so.
+#[test]
+#[cfg(unix)]
+fn what_is_left_out_can_be_stopped() {
+    let mut command = biss(&["scope", "sim", "--skip", "9999999"]);
+    command.stderr(std::process::Stdio::piped());
+    let child = command.spawn().unwrap();
+    // Time to begin in; what comes too early ends it as well.
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let pid = child.id().to_string();
+    let mut kill = std::process::Command::new("kill");
+    assert!(kill.args(["-INT", &pid]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.starts_with("biss: stopped, cycles looked at: "),
+        "{stderr}"
+    );
+    assert!(stderr.ends_with("drawn: none\n"), "{stderr}");
+    assert_eq!(stderr.lines().count(), 1);
 }

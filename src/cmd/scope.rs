@@ -4,7 +4,7 @@ use super::asked::{choose_frame, fill_in};
 use super::line::{self, Line};
 use super::{Ended, Outcome, auto, bank, deliver, schedule};
 use crate::cli::{self, Wanted};
-use crate::output::{note, scope};
+use crate::output::{Progress, note, scope};
 use crate::sys::Signals;
 use anyhow::{Result, anyhow, bail};
 use biss::cycle::Cycle;
@@ -18,10 +18,14 @@ use biss::protocol::{Ability, Protocol};
 use biss::trace::{Clocks, Cut, Trace};
 use biss::waveform::Change;
 use std::cell::RefCell;
+use std::path::Path;
 use std::rc::Rc;
 
 /// Longer than the longest timeout and line delay.
 const VIRTUAL_REST_NS: u64 = 100_000;
+
+/// Cycles of a live link that may be left out: three hours at a kilohertz.
+const MOST_SKIPPED: u64 = 10_000_000;
 
 /// Live cycles that are looked at for a fault.
 const WITHIN: u64 = 10_000;
@@ -68,9 +72,32 @@ fn recorded(args: &cli::Scope) -> bool {
     matches!(args.wire.link.kind, Kind::File { .. })
 }
 
+/// What the name of a picture ends with that is no SVG.
+fn other_picture(path: &Path) -> Option<String> {
+    const OTHERS: [&str; 12] = [
+        "png", "jpg", "jpeg", "gif", "bmp", "webp", "tif", "tiff", "pdf", "eps", "ps", "ico",
+    ];
+    let end = path.extension()?.to_str()?.to_ascii_lowercase();
+    OTHERS.contains(&end.as_str()).then_some(end)
+}
+
 fn check(args: &cli::Scope) -> Result<()> {
     if recorded(args) && args.wire.clock.is_some() {
         bail!("--clock has no meaning on a recording\n  leave it out");
+    }
+    let picture = args.write.as_deref().and_then(other_picture);
+    if let (Some(path), Some(end)) = (&args.write, picture) {
+        bail!(
+            "writing {}: scope draws SVG, and no .{end}\n  say -w {}; a browser, or rsvg-convert, makes others of it",
+            path.display(),
+            path.with_extension("svg").display()
+        );
+    }
+    if !recorded(args) && args.skip > MOST_SKIPPED {
+        bail!(
+            "--skip {}: more than {MOST_SKIPPED} cycles take a live link hours\n  leave out fewer, or `biss capture` them and draw from the recording",
+            args.skip
+        );
     }
     Ok(())
 }
@@ -155,8 +182,15 @@ fn draw(
     }
     result?;
     let signal = signals.caught();
-    if !args.wire.quiet && signal.is_none() {
-        found.explain(&stop);
+    if !args.wire.quiet {
+        match signal {
+            None => found.explain(&stop),
+            Some(_) if found.pictures.is_empty() => note(format_args!(
+                "stopped, cycles looked at: {}, drawn: none",
+                found.seen
+            )),
+            Some(_) => {}
+        }
     }
     let good = match found.pictures.is_empty() {
         true => args.fault && found.bad == 0 && found.seen > 0,
@@ -227,6 +261,13 @@ impl<'a> Search<'a> {
     fn run(&mut self, master: &mut Master, stop: &dyn Fn() -> bool) -> Result<()> {
         let live = master.link().caps().live;
         let limit = self.args.within.or(live.then_some(WITHIN));
+        let total = match (self.args.at, self.args.fault) {
+            (Some(_), _) => None,
+            (None, true) => limit.map(|limit| limit.saturating_add(self.args.skip)),
+            (None, false) => Some(self.args.skip.saturating_add(self.args.count)),
+        };
+        // How far a recording has been read is shown by its link.
+        let mut progress = Progress::cycles(total, self.args.wire.quiet || !live);
         loop {
             if self.chosen == 0
                 && self.args.fault
@@ -282,6 +323,7 @@ impl<'a> Search<'a> {
                         return Ok(());
                     }
                     self.look(master);
+                    progress.add(1);
                 }
             }
             if stop() {

@@ -19,6 +19,7 @@ pub(crate) struct Progress {
     done: u64,
     due: Instant,
     wanted: bool,
+    cycles: bool,
 }
 
 impl Progress {
@@ -30,10 +31,19 @@ impl Progress {
             done: 0,
             due: Instant::now() + PATIENCE,
             wanted: !quiet && io::stderr().is_terminal() && !io::stdout().is_terminal(),
+            cycles: false,
         }
     }
 
-    /// So many bytes more.
+    /// Of cycles that are looked at before any is shown, wherever that goes.
+    pub(crate) fn cycles(total: Option<u64>, quiet: bool) -> Progress {
+        let mut progress = Progress::new("", total, quiet);
+        progress.wanted = !quiet && io::stderr().is_terminal();
+        progress.cycles = true;
+        progress
+    }
+
+    /// So many bytes or cycles more.
     pub(crate) fn add(&mut self, bytes: usize) {
         self.done += bytes as u64;
         if self.wanted && Instant::now() >= self.due {
@@ -43,7 +53,19 @@ impl Progress {
     }
 
     fn show(&self) {
+        let line = format!("\r\x1b[Kbiss: {}", self.said());
+        SHOWN.store(true, Ordering::Relaxed);
+        let _ = io::stderr().lock().write_all(line.as_bytes());
+    }
+
+    fn said(&self) -> String {
         let (done, name) = (self.done, &self.name);
+        if self.cycles {
+            return match self.total {
+                Some(total) => format!("{done} of {total} cycles looked at"),
+                None => format!("{done} cycles looked at"),
+            };
+        }
         let much = match self.total.filter(|total| *total > 0) {
             // A session's parts may be read twice.
             Some(total) => format!(
@@ -52,9 +74,7 @@ impl Progress {
             ),
             None => format!("{:.1} MB", done as f64 / 1e6),
         };
-        SHOWN.store(true, Ordering::Relaxed);
-        let line = format!("\r\x1b[Kbiss: {much} of {name} read");
-        let _ = io::stderr().lock().write_all(line.as_bytes());
+        format!("{much} of {name} read")
     }
 }
 
