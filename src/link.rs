@@ -218,6 +218,11 @@ pub trait Link {
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }
+
+    /// What may be wrong with how a recording is read, in one line: after its end, and where it shows it.
+    fn advice(&self, _any_good: bool) -> Option<String> {
+        None
+    }
 }
 
 /// One link, looked at from two sides.
@@ -254,6 +259,9 @@ impl<L: Link> Link for Rc<RefCell<L>> {
     }
     fn notes(&self) -> Vec<String> {
         self.borrow().notes()
+    }
+    fn advice(&self, any_good: bool) -> Option<String> {
+        self.borrow().advice(any_good)
     }
 }
 

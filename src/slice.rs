@@ -54,6 +54,8 @@ pub struct Slicer {
     ready_ns: u64,
     /// SL's last change, or where it was first seen.
     slo_ns: u64,
+    /// The first changes, for those who wonder what they are.
+    first: Vec<Change>,
     /// Every change that belongs to no trace yet, where somebody wants them.
     log: Option<VecDeque<Change>>,
 }
@@ -160,6 +162,9 @@ const MOST_CHANGES: usize = 2 * MAX_CLOCKS;
 /// Changes that are kept for the next trace, where somebody wants them: more than a block of any source holds. Where SL makes
 /// noise and nobody clocks it the oldest ones are of no use.
 const MOST_LOGGED: usize = 1 << 17;
+
+/// Frames enough to tell MA from SLO.
+const FIRST_CHANGES: usize = 1 << 11;
 
 /// So many likely cycles in a row with the same line delay are certain. Pieces measure a delay too, and all bits of a line
 /// stand at the same place in a clock: two or three that agree were met, by chance, in millions of recordings.
@@ -341,6 +346,7 @@ impl Slicer {
             risen_ns: 0,
             ready_ns: 0,
             slo_ns: 0,
+            first: Vec::new(),
             log: None,
         }
     }
@@ -348,6 +354,11 @@ impl Slicer {
     /// So many changes are kept for the next trace.
     pub(crate) fn backlog(&self) -> usize {
         self.log.as_ref().map_or(0, VecDeque::len)
+    }
+
+    /// The first changes that were pushed, a few frames of them.
+    pub(crate) fn first(&self) -> &[Change] {
+        &self.first
     }
 
     /// From now on [`Trace::wave`] of each cycle gets all changes, where there is one.
@@ -365,6 +376,9 @@ impl Slicer {
         }
         self.settle(t_ns);
         self.t_ns = t_ns;
+        if self.first.len() < FIRST_CHANGES {
+            self.first.push(Change { t_ns, ma, slo });
+        }
         if let Some(log) = &mut self.log {
             if log.len() == MOST_LOGGED {
                 log.pop_front();

@@ -112,6 +112,7 @@ const LINKS: &[&str] = &[
     "link/exec.rs",
     "link/exec/child.rs",
     "link/file.rs",
+    "link/file/advice.rs",
     "link/file/behaviour.rs",
     "link/file/csv.rs",
     "link/file/csv/number.rs",

@@ -121,6 +121,12 @@ impl<'a> Line<'a> {
                     )
                 };
                 let file = if stdin { sys::stdin() } else { sys::open(path) }.map_err(said)?;
+                if file.metadata().is_ok_and(|data| data.is_dir()) {
+                    bail!(
+                        "opening the recording {name}: it is a folder\n  a recording is one file: say which, as file:{}",
+                        path.join("NAME.sr").display()
+                    );
+                }
                 let whole = sys::is_whole(&file);
                 let total = file
                     .metadata()

@@ -268,6 +268,10 @@ impl Poll<'_> {
                 }
                 Slot::Ended => {
                     audience.gap(seq, Gap::Ended, master)?;
+                    if !self.wire.quiet {
+                        let advice = master.link().advice(self.summary.good > 0);
+                        advice.iter().for_each(note);
+                    }
                     break;
                 }
             };

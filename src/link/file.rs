@@ -1,5 +1,6 @@
 //! `file`: a recording of MA and SLO as a link that is not live.
 
+mod advice;
 mod behaviour;
 mod csv;
 mod names;
@@ -17,6 +18,7 @@ use crate::slice::Slicer;
 use crate::trace::{Ask, Trace};
 use crate::unit::Hertz;
 use crate::waveform::Waveform;
+use advice::Clocks;
 use csv::Csv;
 use names::{MA, Picked, SLO, list, pick};
 use raw::Raw;
@@ -62,6 +64,9 @@ pub struct Recording {
     slicer: Slicer,
     /// Cycles that were looked at before it was their turn.
     ahead: VecDeque<Trace>,
+    clocks: Clocks,
+    /// The rate was asked for.
+    rated: bool,
     now_ns: u64,
     ended: bool,
     damage: Option<Error>,
@@ -108,6 +113,8 @@ pub fn open(input: Input, name: &str, asked: &Asked) -> Result<Recording, Error>
         notes,
         slicer: Slicer::new(asked.timeout_max_ns),
         ahead: VecDeque::new(),
+        clocks: Clocks::default(),
+        rated: asked.rate.is_some(),
         now_ns: 0,
         ended: false,
         damage: None,
@@ -160,7 +167,7 @@ impl Reader<'_> {
             |head: &[u8]| head.starts_with(sr::MAGIC) || head.trim_ascii_start().contains(&b'\n');
         let head = tape.head(HEAD, enough);
         let head = head.map_err(|error| Error::new(&doing, error, HINT))?;
-        let kind = kind(&head, asked).map_err(|said| Error::new(&doing, said, HINT))?;
+        let kind = kind(&head, asked).map_err(|(said, hint)| Error::new(&doing, said, hint))?;
         Ok(Reader {
             tape,
             disk,
@@ -251,20 +258,36 @@ fn candidates(picked: &Picked) -> &[Channel] {
     }
 }
 
+/// What is wrong, and what to try.
+type Misfit = (String, &'static str);
+
 /// What these first bytes begin.
-fn kind(head: &[u8], asked: &Asked) -> Result<Kind, String> {
+fn kind(head: &[u8], asked: &Asked) -> Result<Kind, Misfit> {
+    let session = head.starts_with(sr::MAGIC);
     let text = vcd::looks_like(head) || csv::looks_like(head);
+    if asked.unit.is_some() && (session || text && asked.rate.is_none()) {
+        let is = match session {
+            true => "a session of sigrok (.sr)",
+            false if vcd::looks_like(head) => "a VCD",
+            false => "CSV",
+        };
+        let said = format!("it is {is}, which says itself where its channels stand");
+        return Err((said, "leave unit= out: it is for samples alone"));
+    }
     // Samples that happen to be printable go on without an end of line.
     let samples = asked.rate.is_some() && text && head.len() == HEAD && !head.contains(&b'\n');
     if asked.unit.is_some() || samples {
         return raw(asked);
     }
-    if head.starts_with(sr::MAGIC) {
+    if session {
         return Ok(Kind::Sr);
     }
     if vcd::looks_like(head) {
         return match asked.rate {
-            Some(_) => Err("it is a VCD, which has times of its own: leave rate= out".to_owned()),
+            Some(_) => Err((
+                "it is a VCD, which has times of its own".to_owned(),
+                "leave rate= out",
+            )),
             None => Ok(Kind::Vcd),
         };
     }
@@ -272,28 +295,29 @@ fn kind(head: &[u8], asked: &Asked) -> Result<Kind, String> {
         return Ok(Kind::Csv);
     }
     if head.is_empty() {
-        return Err("it is empty".to_owned());
+        return Err(("it is empty".to_owned(), HINT));
     }
     if asked.rate.is_some() {
         return raw(asked);
     }
-    Err(format!(
+    let said = format!(
         "it is no recording of a kind that biss knows: it begins with {}",
         beginning(head)
-    ))
+    );
+    Err((said, HINT))
 }
 
-fn raw(asked: &Asked) -> Result<Kind, String> {
+fn raw(asked: &Asked) -> Result<Kind, Misfit> {
     let Some(rate) = asked.rate else {
-        return Err("unit= is for samples alone, which need rate= too".to_owned());
+        let said = "unit= is for samples alone, which need rate= too".to_owned();
+        return Err((said, HINT));
     };
     let number = |name: &Option<String>| name.as_ref().and_then(|name| name.parse::<usize>().ok());
     let highest = number(&asked.ma).max(number(&asked.slo)).unwrap_or(0);
     let unit = asked.unit.map_or(highest / 8 + 1, usize::from);
     if highest >= 64 {
-        return Err(format!(
-            "there is no channel {highest}: samples have up to 64"
-        ));
+        let said = format!("there is no channel {highest}: samples have up to 64");
+        return Err((said, HINT));
     }
     Ok(Kind::Raw {
         rate_hz: rate.0.into(),
@@ -353,6 +377,7 @@ impl Recording {
         };
         if there {
             self.now_ns = trace.t_ns;
+            self.clocks.note(trace);
         }
         there
     }
@@ -453,5 +478,10 @@ impl Link for Recording {
 
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
+    }
+
+    fn advice(&self, any_good: bool) -> Option<String> {
+        let (changes, timeout_ns) = (self.slicer.first(), self.slicer.timeout_ns());
+        advice::advice(&self.clocks, changes, timeout_ns, self.rated, !any_good)
     }
 }

@@ -102,4 +102,7 @@ impl Link for Tap {
     fn notes(&self) -> Vec<String> {
         self.link.notes()
     }
+    fn advice(&self, any_good: bool) -> Option<String> {
+        self.link.advice(any_good)
+    }
 }

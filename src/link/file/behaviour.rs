@@ -59,6 +59,11 @@ pub(super) fn find<E>(
     Ok(pairs.into_iter().map(|(_, pair)| pair).collect())
 }
 
+/// Whether the two that are selected do.
+pub(super) fn behaves(source: &mut dyn Source, timeout_ns: u64) -> bool {
+    judge(source, timeout_ns).fits()
+}
+
 /// Each signal once, whatever it is called.
 fn once(channels: &[Channel]) -> Vec<Channel> {
     let mut all: Vec<Channel> = Vec::new();
