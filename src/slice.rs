@@ -152,6 +152,9 @@ impl Line {
     }
 }
 
+/// A time that is later stands for this one, 292 years from the beginning: there has to be room to reckon with it.
+const END_NS: u64 = u64::MAX / 2;
+
 /// By how much a rest may be shorter than its stamps say: a sample, of eight at the slowest clock.
 const STAMP_MAX_NS: u64 = 1_000_000_000 / (CLOCK_MIN_HZ as u64 * 8) + 1;
 
@@ -369,7 +372,7 @@ impl Slicer {
     /// MA and SLO from `t_ns` on, until the next call. `None` for SLO means neither 0 nor 1. Times that go
     /// backwards are taken for the last one.
     pub fn push(&mut self, t_ns: u64, ma: bool, slo: Option<bool>) {
-        let t_ns = t_ns.max(self.t_ns);
+        let t_ns = t_ns.min(END_NS).max(self.t_ns);
         if !self.begun {
             (self.begun, self.ma, self.slo) = (true, ma, slo);
             (self.moved_ns, self.slo_ns) = (t_ns, t_ns);
@@ -402,7 +405,7 @@ impl Slicer {
 
     /// The recording is over at `t_ns`.
     pub fn finish(&mut self, t_ns: u64) {
-        let t_ns = t_ns.max(self.t_ns);
+        let t_ns = t_ns.min(END_NS).max(self.t_ns);
         self.settle(t_ns);
         self.t_ns = t_ns;
         if let Some(at) = self.let_go {

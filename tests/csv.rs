@@ -286,6 +286,17 @@ fn damage_names_its_line_after_what_was_good() {
     );
 }
 
+/// Centuries from row to row are more than a time can hold: damage, and nothing that could end the program.
+#[test]
+fn times_centuries_apart_are_no_frames() {
+    let made = std::fs::read_to_string(folder().join("saleae-logic2-iso8601.csv")).unwrap();
+    let path = file("centuries.csv", &made.replacen("2024", "1012", 1));
+    let (out, err, code) = read(&path, "");
+    assert!(!err.contains("panicked"), "{err}");
+    assert!(!out.contains("pos"), "{out}");
+    assert!(matches!(code, Some(1 | 2)), "{code:?} {err}");
+}
+
 #[test]
 fn times_too_coarse_for_ma_are_an_error() {
     let mut text = String::from("Time [s],MA,SLO\n");
