@@ -118,6 +118,32 @@ pub enum Slot {
     Ended,
 }
 
+/// What a cycle was run for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// A frame, which may be repeated.
+    Frame,
+    /// A piece of one, as [`Slot::Piece`].
+    Piece,
+    /// To learn about the encoder, at clocks and sampling phases that may be wrong.
+    Learning,
+    /// To initialise the slaves: nobody looks at SL.
+    Init,
+}
+
+/// A cycle that was run, whatever becomes of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Try<'t> {
+    /// Why.
+    pub role: Role,
+    /// What was seen of it.
+    pub trace: &'t Trace,
+    /// What it came to; nothing for INIT.
+    pub cycle: &'t Cycle,
+    /// Why nothing in it counts although nothing in it is wrong.
+    pub doubt: Option<Fault>,
+}
+
 /// Runs frames of a protocol over a link.
 pub struct Master<'a> {
     link: &'a mut dyn Link,
@@ -139,6 +165,8 @@ pub struct Master<'a> {
     phase: Phase,
     /// Says that it is time to end, before a frame is repeated or run for learning.
     stop: Option<&'a dyn Fn() -> bool>,
+    /// Looks at every try.
+    witness: Option<&'a dyn Fn(&Try)>,
     /// The clock to come back to after looking at another.
     asked: Hertz,
     /// From start to start at least, and when the last frame started.
@@ -174,6 +202,7 @@ impl<'a> Master<'a> {
             patience: 3,
             phase: Phase::Whole,
             stop: None,
+            witness: None,
             distance_ns: 0,
             began_ns: None,
         }
@@ -192,6 +221,23 @@ impl<'a> Master<'a> {
     /// Repeats no frame any more once `stop` says so, and learns nothing: at a slow clock that takes a minute.
     pub fn stop_when(&mut self, stop: &'a dyn Fn() -> bool) {
         self.stop = Some(stop);
+    }
+
+    /// Shows `witness` every cycle that is run from now on: those that are repeated and those that learn about the encoder,
+    /// too. A slave that does not get ready for a frame is told of as a frame without edges.
+    pub fn show_tries(&mut self, witness: &'a dyn Fn(&Try)) {
+        self.witness = Some(witness);
+    }
+
+    fn show(&self, role: Role, doubt: Option<Fault>) {
+        if let Some(witness) = self.witness {
+            witness(&Try {
+                role,
+                trace: &self.trace,
+                cycle: &self.cycle,
+                doubt,
+            });
+        }
     }
 
     /// Whether it is time to end.
@@ -316,6 +362,8 @@ impl<'a> Master<'a> {
         let init = Ask { at_ns: 0, clocks };
         self.link
             .cycles(&[init], std::slice::from_mut(&mut self.trace))?;
+        self.cycle.reset();
+        self.show(Role::Init, None);
         self.seen = Some(Seen::Cut { cdm: None });
         // The slave has counted that frame.
         self.tracker.lose_count();
@@ -341,7 +389,8 @@ impl<'a> Master<'a> {
                 break;
             }
             self.attempt(0)?;
-            self.judge();
+            let doubt = self.judge();
+            self.show(Role::Learning, doubt);
             if let Some(fault) = self.fault() {
                 self.more_room(fault);
             }
@@ -363,10 +412,12 @@ impl<'a> Master<'a> {
             }
             if let Some(cut) = self.piece() {
                 self.tracker.lose_count();
+                self.show(Role::Piece, None);
                 return Ok(Slot::Piece(cut));
             }
             tries += 1;
             let doubt = self.judge();
+            self.show(Role::Frame, doubt);
             let fault = self.fault();
             let again = if doubt.is_some() {
                 reread += 1;
@@ -671,6 +722,7 @@ impl<'a> Master<'a> {
                 return Ok(Delay::Unknown);
             }
             self.attempt(0)?;
+            self.show(Role::Learning, None);
             match self.fault() {
                 // The machine's fault, not the phase's.
                 Some(Fault::Stalled { .. }) => continue,
@@ -739,6 +791,7 @@ impl<'a> Master<'a> {
         let (mut good, mut tries, mut heads) = (0, 0, None::<(u16, u16)>);
         while tries < PHASE_FRAMES && !self.stops() {
             self.attempt(0)?;
+            self.show(Role::Learning, None);
             if self.fault().is_some_and(|fault| self.more_room(fault)) {
                 continue;
             }

@@ -3,6 +3,7 @@
 //! Whatever happens, what is on disk can be read: lines of text are whole ones, and a `.sr` keeps its directory.
 
 mod csv;
+pub mod journal;
 mod sr;
 mod vcd;
 
@@ -107,6 +108,10 @@ const RATES_MHZ: [u32; 26] = [
 /// Samples a clock, at least, where nobody says how many.
 pub const SAMPLES: u32 = 16;
 
+/// Samples a clock, at least, that a reader needs. With two or three it took a bit for the next one, and now and then the CRC
+/// was good.
+pub const LEAST_SAMPLES: u32 = 4;
+
 /// The smallest usual rate at which a clock has enough samples, one on which its edges fall if there is one within four
 /// times that.
 pub fn usual_rate(clock: Hertz) -> Hertz {
@@ -118,6 +123,12 @@ pub fn usual_rate(clock: Hertz) -> Hertz {
     let even = rates().find(|hz| hz % (2 * clock.0.max(1)) == 0);
     let even = even.filter(|hz| u64::from(*hz) <= 4 * least.max(1_000_000));
     Hertz(even.or_else(|| rates().next()).unwrap_or(1_000_000_000))
+}
+
+/// The first sample that is not before `ns`, from the beginning on.
+fn sample(rate: Hertz, ns: u64) -> u64 {
+    let sample = (u128::from(ns) * u128::from(rate.0)).div_ceil(1_000_000_000);
+    u64::try_from(sample).unwrap_or(u64::MAX)
 }
 
 /// So much text is written at once.

@@ -379,6 +379,87 @@ fn a_failed_start_touches_nothing() {
     }
 }
 
+/// Fewer samples a clock than a reader needs are refused before anything is written, live or from a recording.
+#[test]
+fn too_few_samples_are_refused() {
+    let folder = Folder::new("rate");
+    let (vcd, sr) = (folder.path("x.vcd"), folder.path("x.sr"));
+    let format = "st26,nE,nW,crc6";
+    let sim = format!("capture sim:frame={format} -c 1MHz -n 3");
+    let (_, err, code) = run(&format!("{sim} -w {vcd}"));
+    assert_eq!(code, Some(0), "{err}");
+    for from in [sim.clone(), format!("capture file:{vcd} -f {format}")] {
+        for rate in ["1MHz", "1.9MHz", "3.9MHz"] {
+            let (out, err, code) = run(&format!("{from} --sample-rate {rate} -w {sr}"));
+            assert_eq!((out.as_str(), code), ("", Some(2)), "{from} {rate}: {err}");
+            assert!(
+                err.contains("ask for 4MHz at least; 16MHz is usual"),
+                "{err}"
+            );
+            assert!(!PathBuf::from(&sr).exists(), "{from} {rate}");
+        }
+        let (_, err, code) = run(&format!("{from} --sample-rate 4MHz -w {sr}"));
+        assert_eq!(code, Some(0), "{err}");
+        let (out, err, code) = run(&format!("read file:{sr} -f {format}"));
+        assert_eq!((out.lines().count(), code), (3, Some(0)), "{from}: {err}");
+        fs::remove_file(&sr).unwrap();
+    }
+}
+
+/// A VCD may say that SLO is not known. Files with two levels show no frame then that the VCD does not.
+#[test]
+fn what_is_not_known_becomes_no_frame() {
+    let mut rng = rng();
+    let folder = Folder::new("unknown");
+    let format = "st6,crc3";
+    let vcd = folder.path("x.vcd");
+    let capture = format!("capture sim:motion=count,delay=700ns,frame={format} -n 400 -w {vcd}");
+    let (_, err, code) = run(&capture);
+    assert_eq!(code, Some(0), "{err}");
+    let text = fs::read_to_string(&vcd).unwrap();
+    let (head, body) = text.split_once("$dumpvars").unwrap();
+    let (mut made, mut hidden) = (format!("{head}$dumpvars"), 0);
+    for line in body.lines() {
+        let hides =
+            matches!(line, "0\"" | "1\"") && made.len() > head.len() + 200 && rng.u8(..12) == 0;
+        hidden += usize::from(hides);
+        made += if hides { "x\"" } else { line };
+        made.push('\n');
+    }
+    fs::write(&vcd, made).unwrap();
+    let good = |path: &str| -> Vec<(u64, u64)> {
+        let (out, err, _) = run(&format!("read file:{path} -f {format} -o json"));
+        let records = json(&out);
+        assert!(records.len() > 300, "{err}");
+        let good = records.iter().filter(|record| record["ok"] == true);
+        let good = good.map(|record| {
+            (
+                record["t_ns"].as_u64().unwrap(),
+                record["pos"].as_u64().unwrap(),
+            )
+        });
+        good.collect()
+    };
+    let known = good(&vcd);
+    assert!(hidden > 100 && known.len() > 50, "{hidden} {}", known.len());
+    for end in ["csv", "sr"] {
+        let path = folder.path(&format!("x.{end}"));
+        let (_, err, code) = run(&format!("capture file:{vcd} -f {format} -w {path}"));
+        assert_eq!(code, Some(1), "{err}");
+        let read = good(&path);
+        assert!(
+            read.len() * 10 > known.len() * 9,
+            "{} of {}",
+            read.len(),
+            known.len()
+        );
+        for (t_ns, pos) in read {
+            let same = |(at, known): &(u64, u64)| at.abs_diff(t_ns) < 200 && *known == pos;
+            assert!(known.iter().any(same), "{end}: {pos} at {t_ns}");
+        }
+    }
+}
+
 /// An end by a signal, and a disk that is full, leave a file that reads.
 #[test]
 fn what_is_on_disk_can_be_read() {

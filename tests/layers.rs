@@ -146,6 +146,7 @@ const JOINTS: &[&str] = &[
     "master.rs",
     "record.rs",
     "record/csv.rs",
+    "record/journal.rs",
     "record/sr.rs",
     "record/vcd.rs",
     "registers.rs",

@@ -10,8 +10,9 @@ use biss::frame::BissC;
 use biss::limits::{LINE_DELAY_MAX_NS, REST_NS};
 use biss::link::tap::Tap;
 use biss::link::{Kind as LinkKind, Link};
-use biss::master::Master;
+use biss::master::{Master, Try};
 use biss::preset::Frame;
+use biss::record::journal::{Entry, Journal};
 use biss::record::{self, Head, Kind, Output, Recorder};
 use biss::unit::Hertz;
 use biss::waveform::{Change, Waveform};
@@ -47,7 +48,7 @@ pub(crate) fn run(args: cli::Capture, frame_given: bool) -> Result<Ended> {
         known: frame.is_some(),
         notes: Vec::new(),
         quiet: args.wire.quiet,
-        tap: None,
+        ear: None,
         recorder: None,
         waiting: Vec::new(),
         zero_ns: 0,
@@ -235,6 +236,30 @@ fn is_stream(kind: &fs::FileType) -> bool {
     kind.is_fifo() || kind.is_char_device() || kind.is_block_device() || kind.is_socket()
 }
 
+/// Hears every try while it is run.
+#[derive(Clone)]
+pub(super) struct Ear {
+    tap: Rc<RefCell<Tap>>,
+    /// None until the recording begins.
+    journal: Rc<RefCell<Option<Journal>>>,
+}
+
+impl Ear {
+    /// A try is over.
+    pub(super) fn hear(&self, tried: &Try) {
+        if let Some(journal) = self.journal.borrow_mut().as_mut() {
+            journal.tell(self.tap.borrow_mut().take(), tried);
+        }
+    }
+
+    /// What came behind the last try.
+    fn rest(&self) {
+        if let Some(journal) = self.journal.borrow_mut().as_mut() {
+            journal.rest(self.tap.borrow_mut().take());
+        }
+    }
+}
+
 /// Where both wires are written to.
 pub(super) struct Sink {
     target: Option<Target>,
@@ -246,10 +271,10 @@ pub(super) struct Sink {
     known: bool,
     quiet: bool,
     notes: Vec<String>,
-    tap: Option<Rc<RefCell<Tap>>>,
+    ear: Option<Ear>,
     recorder: Option<Box<dyn Recorder>>,
-    /// Taken from the tap, and not written yet.
-    waiting: Vec<Change>,
+    /// Taken from the journal, and not written yet.
+    waiting: Vec<Entry>,
     /// The link's time at which the recording begins.
     zero_ns: u64,
     /// The shortest clock that was told of as too fast for the sample rate.
@@ -265,8 +290,16 @@ impl Sink {
     /// Listens in.
     pub(super) fn tap(&mut self, link: Box<dyn Link>) -> Box<dyn Link> {
         let tap = Rc::new(RefCell::new(Tap::new(link)));
-        self.tap = Some(Rc::clone(&tap));
+        self.ear = Some(Ear {
+            tap: Rc::clone(&tap),
+            journal: Rc::default(),
+        });
         Box::new(tap)
+    }
+
+    /// What hears every try.
+    pub(super) fn ear(&self) -> Option<Ear> {
+        self.ear.clone()
     }
 
     /// What is clocked and looked at where the format is not known.
@@ -278,11 +311,21 @@ impl Sink {
     /// From here on everything is written: first a rest that is long enough for whoever reads it to know that a frame begins
     /// after it.
     pub(super) fn begin(&mut self, master: &mut Master, protocol: &BissC) -> Result<()> {
-        let Some(tap) = &self.tap else {
+        let Some(ear) = &self.ear else {
             return Ok(());
         };
-        tap.borrow_mut().begin()?;
+        ear.tap.borrow_mut().begin()?;
         let caps = master.link().caps();
+        let mut journal = Journal::new(self.kind, caps.live);
+        if caps.live {
+            let clock = master.link().clock().hz;
+            self.check_rate(clock)?;
+            self.rate.get_or_insert(record::usual_rate(clock));
+        }
+        if let (Kind::Sr, Some(rate)) = (self.kind, self.rate) {
+            journal.sampled(rate);
+        }
+        *ear.journal.borrow_mut() = Some(journal);
         if !caps.live {
             return Ok(());
         }
@@ -304,27 +347,29 @@ impl Sink {
         Ok(())
     }
 
-    /// Writes what has happened since the last call, and what the frame said that came of it.
-    pub(super) fn cycle(&mut self, master: &Master, whole: bool) -> Result<()> {
+    /// Writes what has happened since the last call.
+    pub(super) fn cycle(&mut self, master: &Master) -> Result<()> {
         self.listen();
-        let trace = master.trace();
         if self.recorder.is_none() && !self.start(master)? {
             return Ok(());
         }
-        self.warn_of_clock(trace.ma_period_ns);
-        let frame = whole.then(|| (self.at(trace.t_ns), master.cycle()));
-        self.write(frame)
+        self.warn_of_clock(master.trace().ma_period_ns);
+        self.write()
     }
 
-    /// Takes the changes from the tap.
+    /// Takes what is to be written from the journal.
     fn listen(&mut self) {
         let zero_ns = self.zero_ns;
-        let since = |change: Change| Change {
-            t_ns: change.t_ns.saturating_sub(zero_ns),
-            ..change
+        let since = |entry: Entry| match entry {
+            Entry::Change(change) => Entry::Change(Change {
+                t_ns: change.t_ns.saturating_sub(zero_ns),
+                ..change
+            }),
+            Entry::Frame(t_ns, cycle) => Entry::Frame(t_ns.saturating_sub(zero_ns), cycle),
         };
-        if let Some(tap) = &self.tap {
-            self.waiting.extend(tap.borrow_mut().take().map(since));
+        let Some(ear) = &self.ear else { return };
+        if let Some(journal) = ear.journal.borrow_mut().as_mut() {
+            self.waiting.extend(journal.take().map(since));
         }
     }
 
@@ -334,21 +379,22 @@ impl Sink {
 
     /// Begins the file, as soon as there is something to write. What was in it is gone then.
     fn start(&mut self, master: &Master) -> Result<bool> {
-        if self.waiting.is_empty() {
-            return Ok(false);
-        }
         // Before the first transfer nobody sees SLO: it is what it was then.
-        let known = self.waiting.iter().find_map(|change| change.slo);
-        let unknown = self
-            .waiting
-            .iter_mut()
-            .take_while(|change| change.slo.is_none());
+        let mut changes = self.waiting.iter().filter_map(Entry::change);
+        let known = changes.find_map(|change| change.slo);
+        let changes = self.waiting.iter_mut().filter_map(Entry::change_mut);
+        let unknown = changes.take_while(|change| change.slo.is_none());
         unknown.for_each(|change| change.slo = known);
-        let first = self.waiting.remove(0);
+        // The recorder passes over it when it comes again.
+        let mut changes = self.waiting.iter().filter_map(Entry::change);
+        let Some(first) = changes.next().copied() else {
+            return Ok(false);
+        };
         let clock = match master.link().caps().live {
             true => master.link().clock().hz,
             false => Hertz(1_000_000_000 / master.trace().ma_period_ns.unwrap_or(1_000).max(1)),
         };
+        self.check_rate(clock)?;
         let rate = self.rate.unwrap_or_else(|| record::usual_rate(clock));
         self.rate = Some(rate).filter(|_| self.kind == Kind::Sr);
         let head = Head {
@@ -366,6 +412,21 @@ impl Sink {
             note(format_args!("{} has {rate} samples a second", self.name));
         }
         Ok(true)
+    }
+
+    /// So few samples a clock that nothing could be read from them.
+    fn check_rate(&self, clock: Hertz) -> Result<()> {
+        let least = Hertz(clock.0.saturating_mul(record::LEAST_SAMPLES));
+        match self.rate {
+            // The clock was measured.
+            Some(rate) if rate.0 < least.0 - least.0 / 1_000 => bail!(
+                "--sample-rate {rate} is less than {} samples a clock at {clock}: a reader would take one bit for another
+                   ask for {least} at least; {} is usual",
+                record::LEAST_SAMPLES,
+                record::usual_rate(clock)
+            ),
+            _ => Ok(()),
+        }
     }
 
     /// A clock with too few samples loses bits.
@@ -386,21 +447,18 @@ impl Sink {
         }
     }
 
-    fn write(&mut self, mut frame: Option<(u64, &biss::cycle::Cycle)>) -> Result<()> {
+    fn write(&mut self) -> Result<()> {
         let Some(recorder) = &mut self.recorder else {
             return Ok(());
         };
-        let mut all = || {
-            for change in self.waiting.drain(..) {
-                if let Some((t_ns, cycle)) = frame.take_if(|(t_ns, _)| *t_ns <= change.t_ns) {
-                    recorder.frame(t_ns, cycle)?;
+        let mut all = || -> io::Result<()> {
+            for entry in self.waiting.drain(..) {
+                match entry {
+                    Entry::Change(change) => recorder.change(&change)?,
+                    Entry::Frame(t_ns, cycle) => recorder.frame(t_ns, &cycle)?,
                 }
-                recorder.change(&change)?;
             }
-            match frame.take() {
-                Some((t_ns, cycle)) => recorder.frame(t_ns, cycle),
-                None => Ok(()),
-            }
+            Ok(())
         };
         all().map_err(|e| {
             self.recorder = None;
@@ -421,7 +479,7 @@ impl Sink {
 
     /// Ends the file, with a rest in which the last frame ends. Where all went wrong before a frame came, nothing is touched.
     pub(super) fn end(&mut self, master: &mut Master, well: bool) -> Result<()> {
-        let Some(tap) = self.tap.clone() else {
+        let Some(ear) = self.ear.clone() else {
             return Ok(());
         };
         let live = master.link().caps().live;
@@ -431,12 +489,13 @@ impl Sink {
             rested = master.pause(2 * REST_NS + LINE_DELAY_MAX_NS);
         }
         let mut rest = Waveform::default();
-        let rested = rested.and_then(|()| tap.borrow_mut().waveform(&mut rest));
+        let rested = rested.and_then(|()| ear.tap.borrow_mut().waveform(&mut rest));
+        ear.rest();
         self.listen();
         if self.recorder.is_none() && self.target.is_some() && well {
             self.start(master)?;
         }
-        self.write(None)?;
+        self.write()?;
         if let Some(mut recorder) = self.recorder.take() {
             let now_ns = self.at(master.link().now_ns());
             recorder

@@ -15,7 +15,7 @@ use crate::output::{Look, Printer, Shot, Summary};
 use crate::sys::Signals;
 use anyhow::{Result, bail};
 use biss::link::Link;
-use biss::master::Master;
+use biss::master::{Master, Try};
 use biss::preset::Frame;
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -142,8 +142,13 @@ impl Run {
     fn all(mut self, args: &cli::Read, mut poll: Poll, link: &mut dyn Link) -> Result<Ended> {
         let live = link.caps().live;
         let stop = poll.signals.watch();
+        let ear = self.sink.as_ref().and_then(Sink::ear);
+        let hear = |tried: &Try| ear.iter().for_each(|ear| ear.hear(tried));
         let mut master = Master::new(link, poll.protocol, args.polling.retries);
         master.stop_when(&stop);
+        if ear.is_some() {
+            master.show_tries(&hear);
+        }
         master.keep_distance(poll.distance_ns());
         let printer = Rc::clone(&self.out.printer);
         printer.borrow_mut().header().map_err(writing)?;
@@ -185,7 +190,7 @@ impl Run {
 impl Audience for Run {
     fn cycle(&mut self, turn: &Turn, _: &Summary, master: &mut Master) -> Result<()> {
         if let Some(sink) = &mut self.sink {
-            sink.cycle(master, true)?;
+            sink.cycle(master)?;
         }
         self.out.shot(turn, master)?;
         self.out.overhear(turn.seq, master)?;
@@ -203,7 +208,7 @@ impl Audience for Run {
             Gap::Piece => {
                 self.out.lost(seq, "a frame was not whole")?;
                 match &mut self.sink {
-                    Some(sink) => sink.cycle(master, false),
+                    Some(sink) => sink.cycle(master),
                     None => Ok(()),
                 }
             }

@@ -22,18 +22,23 @@ impl Csv {
 
     fn row(&mut self, t_ns: u64) -> io::Result<()> {
         let (seconds, ns) = (t_ns / 1_000_000_000, t_ns % 1_000_000_000);
-        let (ma, slo) = (
-            u8::from(self.last.ma),
-            u8::from(self.last.slo == Some(true)),
-        );
+        let (ma, slo) = (u8::from(self.last.ma), u8::from(slo(&self.last)));
         self.lines
             .add(format_args!("{seconds}.{ns:09},{ma},{slo}\n"))?;
         self.lines.pass()
     }
 }
 
+/// There is no third level.
+fn slo(change: &Change) -> bool {
+    change.slo == Some(true)
+}
+
 impl Recorder for Csv {
     fn change(&mut self, change: &Change) -> io::Result<()> {
+        if self.last.ma == change.ma && slo(&self.last) == slo(change) {
+            return Ok(());
+        }
         let t_ns = change.t_ns.max(self.last.t_ns);
         self.last = Change { t_ns, ..*change };
         self.row(t_ns)

@@ -4,7 +4,7 @@
 //! The archive gets its directory anew with every piece of samples. A piece that does not fit is taken back, so that a disk
 //! that is full leaves all pieces before it.
 
-use super::{Head, Output, Recorder};
+use super::{Head, Output, Recorder, sample};
 use crate::unit::Hertz;
 use crate::waveform::Change;
 use std::cell::RefCell;
@@ -99,10 +99,6 @@ impl Sr {
         self.pieces += 1;
         self.archive.open(&format!("logic-1-{}", self.pieces))
     }
-
-    fn after(&self, t_ns: u64) -> u128 {
-        u128::from(t_ns.saturating_sub(self.first_ns)) * u128::from(self.rate.0)
-    }
 }
 
 /// As libsigrok prints it, and reads it.
@@ -122,8 +118,8 @@ fn byte(change: &Change) -> u8 {
 impl Recorder for Sr {
     /// It shows with the first sample that is not before it.
     fn change(&mut self, change: &Change) -> io::Result<()> {
-        let sample = self.after(change.t_ns).div_ceil(1_000_000_000);
-        self.hold(u64::try_from(sample).unwrap_or(u64::MAX))?;
+        let since_ns = change.t_ns.saturating_sub(self.first_ns);
+        self.hold(sample(self.rate, since_ns))?;
         self.byte = byte(change);
         Ok(())
     }
@@ -133,7 +129,8 @@ impl Recorder for Sr {
     }
 
     fn end(&mut self, t_ns: u64) -> io::Result<()> {
-        let last = u64::try_from(self.after(t_ns) / 1_000_000_000).unwrap_or(u64::MAX);
+        let since = u128::from(t_ns.saturating_sub(self.first_ns)) * u128::from(self.rate.0);
+        let last = u64::try_from(since / 1_000_000_000).unwrap_or(u64::MAX);
         self.hold(last.saturating_add(1))?;
         if self.room > 0 {
             self.hand_on()?;
