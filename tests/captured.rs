@@ -175,8 +175,14 @@ fn read_back(
     }
     recorder.end(capture.end_ns).unwrap();
     drop(recorder);
+    let bytes = pipe.0.take();
+    let stalled = |frame: &Frame| matches!(frame.fault, Some(Fault::Stalled { .. }));
+    if kind == Kind::Vcd && capture.frames.iter().any(stalled) {
+        let said = String::from_utf8_lossy(&bytes);
+        assert!(said.contains("\nsstalled:MA_stood"), "{said}");
+    }
     let asked = file::Asked::new(protocol.timeout_max_ns.into());
-    let input = file::Input::file(Cursor::new(pipe.0.take()));
+    let input = file::Input::file(Cursor::new(bytes));
     let mut link = file::open(input, "captured", &asked).unwrap();
     let mut master = Master::new(&mut link, protocol, None);
     let mut good = Vec::new();

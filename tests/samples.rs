@@ -350,6 +350,44 @@ fn a_wrong_checksum_delivers_no_doubtful_position() {
     }
 }
 
+/// A part of more than 4 MiB is looked through first where there is a way back. Through a pipe it is not: then the error says
+/// what is in doubt.
+#[test]
+fn a_wrong_checksum_behind_what_was_delivered_says_what_is_in_doubt() {
+    let samples = samples(&text("bench.vcd"), 50);
+    let chunk = samples.len() / 2;
+    let metadata = METADATA.replace("RATE", "20 MHz");
+    let long = [&samples[chunk..], &[3; 5 << 20]].concat();
+    let entries = [
+        ("metadata", metadata.as_bytes()),
+        ("logic-1-1", &samples[..chunk]),
+        ("logic-1-2", &long),
+    ];
+    let good = zip(&entries, Stored);
+    for (records, said, status) in both("long.sr", "", &good) {
+        assert_eq!((records.lines().count(), status), (5, Some(0)), "{said}");
+    }
+    let mut bytes = good;
+    // Of another channel, behind all frames.
+    let late = bytes.len() - 1000;
+    bytes[late] ^= 0x80;
+    let [file, pipe] = both("long.sr", "", &bytes);
+    for ((records, said, status), count) in [(&file, 3), (&pipe, 5)] {
+        assert_eq!(*status, Some(2), "{said}");
+        assert!(
+            said.contains("of `logic-1-2`: its checksum is wrong"),
+            "{said}"
+        );
+        assert_eq!(records.lines().count(), count, "{said}");
+    }
+    let since = format!(
+        "after {:.6} s of the recording are in doubt",
+        chunk as f64 / 20e6
+    );
+    assert!(pipe.1.contains(&since), "{}", pipe.1);
+    assert!(!file.1.contains("in doubt"), "{}", file.1);
+}
+
 #[test]
 fn samples_alone_need_a_rate_and_whole_samples() {
     let samples = samples(&text("bench.vcd"), 50);

@@ -38,6 +38,8 @@ pub(super) struct Sr {
     next: Option<u64>,
     /// What is wrong at the end of the file.
     broken: Option<String>,
+    /// From here on samples are handed over whose checksum has not come yet.
+    doubtful_ns: Option<u64>,
 }
 
 impl Sr {
@@ -110,6 +112,7 @@ impl Sr {
             after: None,
             next: Some(1),
             broken: None,
+            doubtful_ns: None,
         })
     }
 
@@ -149,23 +152,24 @@ impl Sr {
                 self.held = Vec::new();
                 self.held = vec![0; room];
             }
-            if entry.size > HELD as u64 {
-                self.check(&entry)?;
+            self.doubtful_ns = None;
+            if entry.size > HELD as u64 && !self.check(&entry)? {
+                self.doubtful_ns = Some(self.now_ns());
             }
             self.body = Some(Body::new(entry));
             return Ok(true);
         }
     }
 
-    /// Looks through an entry that is too large to be held, and returns, where that is possible.
-    fn check(&mut self, entry: &Entry) -> Result<(), Damage> {
+    /// Looks through an entry that is too large to be held, and returns. False where there is no way back.
+    fn check(&mut self, entry: &Entry) -> Result<bool, Damage> {
         let damage = |wrong: Wrong, at| damage(entry, at, wrong.said());
         if !self
             .archive
             .again(entry)
             .map_err(|wrong| damage(wrong, 0))?
         {
-            return Ok(());
+            return Ok(false);
         }
         let mut body = Body::new(entry.clone());
         loop {
@@ -178,7 +182,18 @@ impl Sr {
             }
         }
         let again = self.archive.again(entry);
-        again.map(drop).map_err(|wrong| damage(wrong, 0))
+        again.map_err(|wrong| damage(wrong, 0))
+    }
+
+    /// With what was delivered before that could be known.
+    fn with_doubt(&self, said: String) -> String {
+        match self.doubtful_ns {
+            Some(ns) => format!(
+                "{said}; through a pipe that shows too late: all records that end after {:.6} s of the recording are in doubt",
+                ns as f64 / 1e9
+            ),
+            None => said,
+        }
     }
 
     /// Damage where the next chunk should be.
@@ -261,7 +276,10 @@ impl Source for Sr {
                 self.good = true;
                 self.after = Some(damage(&body.entry, body.out, said));
             }
-            Err(Wrong::Bad(said)) => return Err(damage(&body.entry, body.out, said)),
+            Err(Wrong::Bad(said)) => {
+                let said = self.with_doubt(said);
+                return Err(damage(&body.entry, body.out, said));
+            }
         }
         Ok(true)
     }
