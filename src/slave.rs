@@ -15,8 +15,9 @@ mod random;
 mod registers;
 mod words;
 
-pub use config::{Config, Device, KEYS, Motion, Rates, Slaves, Sli, Timeout};
+pub use config::{Config, Device, KEYS, Motion, Rates, Slaves, Sli, Swapped, Timeout};
 
+use crate::unit::Hertz;
 use device::Device as Member;
 use line::Line;
 use random::Random;
@@ -114,6 +115,7 @@ pub struct Slave {
     first_fall_ns: u64,
     adaptive_ns: Option<u64>,
     latch_ns: u64,
+    last_rise_ns: u64,
     mute: bool,
     dead: bool,
     /// The chain from its far end.
@@ -149,13 +151,14 @@ impl Slave {
             state: State::Idle,
             present: config.absent.0 == 0,
             powered_up: !config.power_up_low,
-            ma: true,
+            ma: !config.swapped.ma,
             mo: true,
             due_ns: 0,
             last_edge_ns: 0,
             first_fall_ns: 0,
             adaptive_ns: None,
             latch_ns: 0,
+            last_rise_ns: 0,
             mute: false,
             dead: false,
             hears: members.len() > 1 || config.sli == Sli::Mo,
@@ -237,11 +240,12 @@ impl Slave {
     /// MA changes to `level` at `t_ns`. Times must not go backwards; a level that is there already is no edge.
     pub fn ma(&mut self, t_ns: u64, level: bool) {
         self.advance(t_ns);
+        let level = level != self.config.swapped.ma;
         if level == self.ma {
             return;
         }
         self.ma = level;
-        if !self.present {
+        if !self.present || self.config.clock_max.is_some() && self.misses(t_ns, level) {
             return;
         }
         if level || !self.config.rising_only || self.state == State::Idle {
@@ -260,6 +264,28 @@ impl Slave {
             // A lone slave on the ground has nothing to hear.
             (State::Frame(_), false) if self.hears => self.each_with_sli(Member::fall),
             _ => {}
+        }
+    }
+
+    /// Whether it is too slow for this edge.
+    #[cold]
+    fn misses(&mut self, t_ns: u64, level: bool) -> bool {
+        let least_ns = self.config.clock_max.map_or(0, Hertz::period_ns);
+        match (self.state, level) {
+            (State::Frame(_), true) if t_ns < self.last_rise_ns + least_ns => true,
+            (_, true) => {
+                self.last_rise_ns = t_ns;
+                false
+            }
+            _ => false,
+        }
+    }
+
+    /// For how long MA stands now, because the machine that moves it has other things to do.
+    pub(crate) fn pause_ns(&mut self) -> u64 {
+        match self.random.hit(self.config.rates.pauses) {
+            true => self.config.pause.0,
+            false => 0,
         }
     }
 
@@ -282,11 +308,12 @@ impl Slave {
     /// SLO as the master sees it at `t_ns`. Times must not go backwards.
     pub fn slo(&mut self, t_ns: u64) -> bool {
         self.advance(t_ns);
-        if self.present {
+        let level = if self.present {
             self.line.seen()
         } else {
             self.config.stuck.unwrap_or(true)
-        }
+        };
+        level != self.config.swapped.slo
     }
 
     /// When SLO next changes, or a timeout next expires, if MA stays as it is.

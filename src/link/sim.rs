@@ -84,6 +84,10 @@ impl Pins for SimPins {
     fn ma(&mut self, high: bool) -> Result<(), Error> {
         self.slave.ma(self.now_ns, high);
         self.follow();
+        let pause_ns = self.slave.pause_ns();
+        if pause_ns > 0 {
+            self.until(self.now_ns + pause_ns);
+        }
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use super::image;
 use crate::format::{Format, MAX_CHANNELS};
 use crate::parse::ParseError;
 use crate::preset::{Frame, Timeout as Published};
-use crate::unit::{Nanos, probability};
+use crate::unit::{Hertz, Nanos, probability};
 use std::ops::RangeInclusive;
 
 /// When the slave takes a pause on MA for the end of the frame.
@@ -72,6 +72,15 @@ pub enum Sli {
     Mo,
 }
 
+/// Which pairs have their two wires exchanged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Swapped {
+    /// The encoder sees MA upside down.
+    pub ma: bool,
+    /// The master sees SLO upside down.
+    pub slo: bool,
+}
+
 /// Everything that can be set about a simulated encoder; parsed from `KEY=VAL,…`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
@@ -123,6 +132,12 @@ pub struct Config {
     pub life_skips_zero: bool,
     /// SLO is stuck at this level.
     pub stuck: Option<bool>,
+    /// Pairs whose wires are exchanged.
+    pub swapped: Swapped,
+    /// A rising MA edge that comes sooner after the one before than a period of this is missed.
+    pub clock_max: Option<Hertz>,
+    /// How long MA stands where the machine that moves it has other things to do.
+    pub pause: Nanos,
     /// Faults and flags, each with its probability per frame in parts per billion.
     pub rates: Rates,
 }
@@ -168,6 +183,8 @@ pub struct Rates {
     pub cds_flip: u32,
     /// CDM is read inverted; per bit.
     pub cdm_flip: u32,
+    /// MA stands for [`Config::pause`] after an edge; per edge, where the master's time is simulated too.
+    pub pauses: u32,
 }
 
 impl Rates {
@@ -193,6 +210,7 @@ impl Rates {
             "write-lost" => &mut self.write_lost,
             "cds-flip" => &mut self.cds_flip,
             "cdm-flip" => &mut self.cdm_flip,
+            "pauses" => &mut self.pauses,
             _ => return None,
         })
     }
@@ -227,13 +245,16 @@ impl Default for Config {
             read_only: None,
             life_skips_zero: false,
             stuck: None,
+            swapped: Swapped::default(),
+            clock_max: None,
+            pause: Nanos(20_000),
             rates: Rates::default(),
         }
     }
 }
 
 /// The keys of [`Config::set`] with their values, as shown to users.
-pub const KEYS: [(&str, &str); 33] = [
+pub const KEYS: [(&str, &str); 37] = [
     ("frame", "FORMAT, last, takes the rest"),
     ("seed", "N"),
     ("motion", "still|count|speed|sine"),
@@ -259,6 +280,10 @@ pub const KEYS: [(&str, &str); 33] = [
     ("reg-busy", "TIME[..TIME]"),
     ("refuse read-only", "ADDRESS[..ADDRESS]"),
     ("stuck", "0|1"),
+    ("swapped", "ma|slo|both"),
+    ("clock-max", "FREQ"),
+    ("pause", "TIME, how long MA stands"),
+    ("pauses", "PROBABILITY per MA edge"),
     ("crc-error no-ack no-start null", "PROBABILITY"),
     ("error warning", "PROBABILITY"),
     ("flip", "PROBABILITY per bit"),
@@ -466,6 +491,25 @@ impl Config {
                 self.read_only = Some(range);
             }
             "life-skips-zero" => self.life_skips_zero = level(value).ok_or_else(|| wrong("0|1"))?,
+            "swapped" => {
+                self.swapped = match value {
+                    "ma" => Swapped {
+                        ma: true,
+                        slo: false,
+                    },
+                    "slo" => Swapped {
+                        ma: false,
+                        slo: true,
+                    },
+                    "both" => Swapped {
+                        ma: true,
+                        slo: true,
+                    },
+                    _ => return Err(wrong("ma|slo|both")),
+                }
+            }
+            "clock-max" => self.clock_max = Some(value.parse()?),
+            "pause" => self.pause = value.parse()?,
             "stuck" => self.stuck = Some(level(value).ok_or_else(|| wrong("0|1"))?),
             _ if self.rates.rate(key).is_some() => {
                 let parts = probability(value)?;
