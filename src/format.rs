@@ -150,6 +150,14 @@ impl Channel {
         })
     }
 
+    fn place_fields(&mut self) {
+        let mut shift = self.data_bits;
+        for field in &mut self.fields {
+            shift -= field.bits;
+            field.shift = shift;
+        }
+    }
+
     fn flag(&self, data: u64, polarity: impl Fn(&Kind) -> Option<bool>) -> Option<bool> {
         let mut set = None;
         for field in &self.fields {
@@ -171,6 +179,29 @@ impl Format {
     /// Data and CRC bits of all channels together.
     pub fn bits(&self) -> u16 {
         self.bits
+    }
+
+    /// The same with so many data bits and another CRC in one channel. The position gives or takes the bits, else the widest
+    /// field; `None` where it cannot.
+    pub fn altered(&self, channel: usize, data_bits: u8, crc: Option<Crc>) -> Option<Format> {
+        let mut channels = self.channels.clone();
+        let altered = channels.get_mut(channel)?;
+        let more = i16::from(data_bits) - i16::from(altered.data_bits);
+        let gives = |field: &&mut Field| {
+            let place = matches!(field.kind, Kind::SingleTurn | Kind::Position);
+            (place, field.bits)
+        };
+        let field = altered.fields.iter_mut().max_by_key(gives)?;
+        let bits = u8::try_from(i16::from(field.bits) + more).ok()?;
+        let wide = matches!(field.kind, Kind::Error { .. } | Kind::Warning { .. }) && more != 0;
+        if bits == 0 || wide || u32::from(data_bits) > MAX_DATA_BITS {
+            return None;
+        }
+        field.bits = bits;
+        altered.data_bits = data_bits;
+        altered.crc = crc;
+        altered.place_fields();
+        Some(Format::new(channels))
     }
 
     fn new(channels: Vec<Channel>) -> Format {
@@ -313,11 +344,7 @@ fn channel(text: &str) -> Result<Channel, ParseError> {
         return Err(wrong(0, text, "a channel without data bits".into()));
     }
     parsed.data_bits = bits as u8;
-    let mut shift = parsed.data_bits;
-    for field in &mut parsed.fields {
-        shift -= field.bits;
-        field.shift = shift;
-    }
+    parsed.place_fields();
     Ok(parsed)
 }
 
@@ -438,6 +465,42 @@ mod tests {
 
     fn format(text: &str) -> Format {
         text.parse().unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    fn the_position_gives_and_takes_bits() {
+        let crc = |text: &str| Some(text.parse().unwrap());
+        for (text, channel, bits, check, want) in [
+            (
+                "st26,nE,nW,crc6",
+                0,
+                26,
+                crc("crc6"),
+                Some("st24,nE,nW,crc6"),
+            ),
+            (
+                "mt12,st20,nE,nW,crc6+st8,crc6",
+                0,
+                36,
+                crc("crc8"),
+                Some("mt12,st22,nE,nW,crc8+st8,crc6"),
+            ),
+            (
+                "data16=temp,nE,crc5",
+                0,
+                16,
+                crc("crc5"),
+                Some("data15=temp,nE,crc5"),
+            ),
+            ("st2,nE,nW,crc6", 0, 2, crc("crc6"), None),
+            ("nE,crc6", 0, 2, crc("crc6"), None),
+            ("st60,nE,crc6", 0, 65, crc("crc6"), None),
+            ("st60,nE,crc6", 1, 60, crc("crc6"), None),
+        ] {
+            let altered = format(text).altered(channel, bits, check);
+            let again = want.map(format);
+            assert_eq!(altered, again, "{text}");
+        }
     }
 
     #[test]

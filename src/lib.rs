@@ -44,6 +44,7 @@
 pub mod control;
 pub mod crc;
 pub mod cycle;
+pub mod diagnose;
 pub mod diagram;
 pub mod format;
 pub mod frame;
@@ -67,6 +68,7 @@ pub mod slice;
 pub mod stats;
 pub mod trace;
 pub mod track;
+pub mod trials;
 pub mod unit;
 pub mod waveform;
 

@@ -63,6 +63,10 @@ const CORE: &[&str] = &[
     "control/quench.rs",
     "crc.rs",
     "cycle.rs",
+    "diagnose.rs",
+    "diagnose/flips.rs",
+    "diagnose/restarts.rs",
+    "diagnose/samples.rs",
     "diagram.rs",
     "diagram/annotate.rs",
     "diagram/axis.rs",
@@ -150,6 +154,7 @@ const JOINTS: &[&str] = &[
     "record/sr.rs",
     "record/vcd.rs",
     "registers.rs",
+    "trials.rs",
 ];
 const BINARY: &[&str] = &[
     "cli.rs",
