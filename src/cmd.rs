@@ -21,6 +21,7 @@ mod session;
 pub(crate) mod stats;
 mod talk;
 pub(crate) mod watch;
+mod why;
 
 use crate::cli::{self, ReportFormat};
 use crate::output::answer;

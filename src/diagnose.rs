@@ -34,6 +34,8 @@ const TRIAL_SURPLUS: u16 = 40;
 pub enum Cause {
     /// SL is high at rest and nothing ever answered: no encoder, no power, or MA does not arrive.
     NoEncoder,
+    /// It answers when MA is upside down.
+    MaSwapped,
     /// It answered, and does not any more.
     Lost,
     /// SL is low throughout.
@@ -67,6 +69,7 @@ impl Cause {
     pub fn name(self) -> &'static str {
         match self {
             Cause::NoEncoder => "no-encoder",
+            Cause::MaSwapped => "ma-swapped",
             Cause::Lost => "lost",
             Cause::SloLow => "slo-low",
             Cause::SloSwapped => "slo-swapped",
@@ -84,8 +87,9 @@ impl Cause {
     }
 
     /// All of them.
-    pub const ALL: [Cause; 14] = [
+    pub const ALL: [Cause; 15] = [
         Cause::NoEncoder,
+        Cause::MaSwapped,
         Cause::Lost,
         Cause::SloLow,
         Cause::SloSwapped,
@@ -160,6 +164,8 @@ pub struct Setup {
 pub struct Trial {
     /// At another clock.
     pub clock: Option<Hertz>,
+    /// With MA upside down.
+    pub upside_down: bool,
     /// With so many clocks behind each frame.
     pub surplus: Option<u16>,
     /// So many of them.
@@ -280,7 +286,9 @@ struct Bad {
     recovered: bool,
     /// The clock that frames were good at, how many, and of how many.
     better: Option<(Hertz, u32, u32)>,
-    told: Vec<(Cause, Remedy)>,
+    /// Frames that were good with MA upside down, and of how many.
+    turned: Option<(u32, u32)>,
+    told: Vec<(Cause, Remedy, u64)>,
 }
 
 impl Evidence {
@@ -370,19 +378,21 @@ impl Evidence {
         self.bad.as_deref().is_some_and(due)
     }
 
-    /// What has not been said yet: of a cause once, and at the `end` once more where the next command is another one.
+    /// What has not been said yet: of a cause once, and at the `end` what has become of it.
     pub fn news(&mut self, end: bool) -> Vec<Diagnosis> {
         let mut found = self.found(end);
         let Some(bad) = &mut self.bad else {
             return Vec::new();
         };
         found.retain(|new| {
-            let said = |(cause, remedy): &(Cause, Remedy)| {
-                *cause == new.cause && (!end || *remedy == new.remedy)
+            let said = |(cause, remedy, count): &(Cause, Remedy, u64)| {
+                *cause == new.cause && (!end || *remedy == new.remedy && *count == new.count)
             };
             !bad.told.iter().any(said)
         });
-        let told = found.iter().map(|new| (new.cause, new.remedy.clone()));
+        let told = found
+            .iter()
+            .map(|new| (new.cause, new.remedy.clone(), new.count));
         bad.told.extend(told);
         found
     }
@@ -399,6 +409,7 @@ impl Evidence {
         let enough = if end { 1 } else { ROW };
         let mut found: Vec<Diagnosis> = [
             self.absent(bad, enough),
+            self.ma_upside_down(bad),
             self.low(bad, enough),
             self.upside_down(bad),
             self.lost(bad),
@@ -432,7 +443,7 @@ impl Evidence {
 
     fn absent(&self, bad: &Bad, enough: u64) -> Option<Diagnosis> {
         let all = bad.silent == self.cycles && bad.silent >= enough && bad.better.is_none();
-        let all = all && !bad.recovered;
+        let all = all && !bad.recovered && bad.turned.is_none();
         all.then(|| Diagnosis {
             cause: Cause::NoEncoder,
             text: format!(
@@ -449,6 +460,20 @@ impl Evidence {
                 Some(_) => Remedy::Options(vec![("--wait", "30s".into())]),
                 None => Remedy::Draw,
             },
+        })
+    }
+
+    fn ma_upside_down(&self, bad: &Bad) -> Option<Diagnosis> {
+        let (good, frames) = bad.turned?;
+        Some(Diagnosis {
+            cause: Cause::MaSwapped,
+            text: format!(
+                "SL is high and never moves {}, and with MA upside down {good} of {frames} are good: the MA pair is swapped",
+                self.of(bad.silent)
+            ),
+            count: bad.silent,
+            advice: "swap the two wires of MA",
+            remedy: Remedy::Again,
         })
     }
 
@@ -806,11 +831,13 @@ impl Evidence {
         let first = [limits::CLOCK_FIRST, Hertz(250_000)];
         let at = |hz: Hertz| Trial {
             clock: Some(hz),
+            upside_down: false,
             surplus: None,
             frames: TRIAL_FRAMES,
         };
         let same = |surplus: Option<u16>| Trial {
             clock: None,
+            upside_down: false,
             surplus,
             frames: TRIAL_FRAMES,
         };
@@ -822,7 +849,12 @@ impl Evidence {
         if bad.silent == self.cycles {
             let apart = |hz: &Hertz| hz.0 >= now.0 / 2 * 3 || hz.0 <= now.0 / 3 * 2;
             let others = first.into_iter().filter(apart).filter(allowed).map(at);
-            return std::iter::once(same(None)).chain(others).collect();
+            let turned = Trial {
+                upside_down: true,
+                ..same(None)
+            };
+            let first = std::iter::once(same(None));
+            return first.chain(others).chain([turned]).collect();
         }
         if 2 * bad.wrong < self.cycles || self.gaps(bad).is_some() {
             return VecDeque::new();
@@ -849,6 +881,11 @@ impl Evidence {
     pub fn tried(&mut self, trial: &Trial, hz: Hertz, good: u32) {
         let format = &self.setup.protocol.format;
         let Some(bad) = &mut self.bad else { return };
+        if trial.upside_down {
+            let most = good >= trial.frames - trial.frames / 16;
+            bad.turned = Some((good, trial.frames)).filter(|_| most);
+            return;
+        }
         match trial.clock {
             Some(_) if good >= trial.frames - trial.frames / 16 => {
                 bad.better = Some((hz, good, trial.frames));

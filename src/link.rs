@@ -186,6 +186,15 @@ pub trait Link {
         Ok(())
     }
 
+    /// Drives MA upside down from now on, as behind a swapped pair, and lets it rest so; or no more. False where that cannot be
+    /// done without another way of running.
+    ///
+    /// # Errors
+    /// When MA cannot be driven.
+    fn turn_ma(&mut self, _upside_down: bool) -> Result<bool, Error> {
+        Ok(false)
+    }
+
     /// MA high for so long, then SL, where it can be seen without clocking.
     ///
     /// # Errors
@@ -244,6 +253,9 @@ impl<L: Link> Link for Rc<RefCell<L>> {
     }
     fn set_phase(&mut self, phase: Phase) -> Result<(), Error> {
         self.borrow_mut().set_phase(phase)
+    }
+    fn turn_ma(&mut self, upside_down: bool) -> Result<bool, Error> {
+        self.borrow_mut().turn_ma(upside_down)
     }
     fn idle(&mut self, ns: u64) -> Result<Option<bool>, Error> {
         self.borrow_mut().idle(ns)

@@ -16,7 +16,7 @@ pub(crate) mod watch;
 
 pub(crate) use columns::{Column, Shape, choose, columns};
 pub(crate) use progress::Progress;
-pub(crate) use summary::Summary;
+pub(crate) use summary::{Summary, Why};
 
 use crate::cli::{ColorWhen, ReportFormat, TimeStyle};
 use biss::cycle::{Cycle, Fault, Word};

@@ -248,10 +248,12 @@ impl Slave {
         if !self.present || self.config.clock_max.is_some() && self.misses(t_ns, level) {
             return;
         }
+        let rested_ns = t_ns - self.last_edge_ns;
         if level || !self.config.rising_only || self.state == State::Idle {
             self.last_edge_ns = t_ns;
         }
         match (self.state, level) {
+            (State::Idle, false) if self.config.rests_high && rested_ns < self.rest_ns() => {}
             (State::Idle, false) => {
                 self.state = State::Armed;
                 self.first_fall_ns = t_ns;
@@ -342,6 +344,14 @@ impl Slave {
             Timeout::Adaptive { .. } => self.adaptive_ns.unwrap_or(ADAPTIVE_CEILING_NS),
             // Twice the time from first falling to second rising edge is three clocks.
             Timeout::FromRequest(t) => self.adaptive_ns.map_or(t.0, |reference| 2 * reference),
+        }
+    }
+
+    /// How long MA has to be high before a frame, for a slave that asks for it.
+    fn rest_ns(&self) -> u64 {
+        match self.config.timeout {
+            Timeout::Static(t) => t.0,
+            _ => ADAPTIVE_CEILING_NS,
         }
     }
 

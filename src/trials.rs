@@ -31,6 +31,15 @@ pub fn run(
                 continue;
             }
         }
+        if trial.upside_down {
+            if link.turn_ma(true)? {
+                let result = one(link, protocol, evidence, &trial, stop);
+                // However it went, MA rests high again.
+                link.turn_ma(false)?;
+                result?;
+            }
+            continue;
+        }
         one(link, protocol, evidence, &trial, stop)?;
     }
     if moved {
@@ -63,7 +72,7 @@ fn one(
         }
         good += u32::from(master.cycle().is_good());
         bad += u32::from(!master.cycle().is_good());
-        if trial.clock.is_some() && bad > MOST_BAD {
+        if (trial.clock.is_some() || trial.upside_down) && bad > MOST_BAD {
             break;
         }
     }

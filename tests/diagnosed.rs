@@ -140,6 +140,15 @@ fn no_encoder() {
 }
 
 #[test]
+fn ma_upside_down() {
+    named(Cause::MaSwapped, 100, |rng| {
+        let (hz, format) = (clock(rng), any(rng));
+        let config = format!("{},swapped=ma,ma-rest=high,frame={format}", around(rng, hz));
+        Run::of(format, rng.usize(1..20)).over_sim(&config, hz)
+    });
+}
+
+#[test]
 fn slo_stuck_low() {
     named(Cause::SloLow, 100, |rng| {
         let (hz, frames) = (clock(rng), rng.usize(1..20));

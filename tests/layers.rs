@@ -185,6 +185,7 @@ const BINARY: &[&str] = &[
     "cmd/stats.rs",
     "cmd/talk.rs",
     "cmd/watch.rs",
+    "cmd/why.rs",
     "main.rs",
     "output.rs",
     "output/columns.rs",

@@ -11,6 +11,7 @@ use biss::frame::BissC;
 use biss::link::Phase;
 use biss::master::{Master, Slot};
 use controller::Planned;
+use std::rc::Rc;
 
 const FORMAT: &str = "st26,nE,nW,crc6";
 

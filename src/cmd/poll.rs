@@ -7,6 +7,7 @@ use crate::cli;
 use crate::output::{Summary, note};
 use crate::sys::Signals;
 use anyhow::{Result, anyhow};
+use biss::diagnose::Evidence;
 use biss::frame::{BissC, Stall};
 use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
@@ -38,6 +39,11 @@ pub(super) trait Audience {
 
     /// Somebody has asked how it goes.
     fn report(&mut self, summary: &Summary);
+
+    /// Why frames are bad, in a line.
+    fn why(&mut self, why: &str) {
+        note(why);
+    }
 
     /// Called in a long wait, each [`Audience::patience`].
     ///
@@ -128,6 +134,8 @@ pub(super) struct Poll<'a> {
     /// Frames where the user has not said how many; 0 for no end.
     pub(super) usual: u64,
     pub(super) summary: Summary,
+    /// Why frames are bad, once the line is open.
+    pub(super) evidence: Option<Evidence>,
 }
 
 impl Poll<'_> {
@@ -175,6 +183,7 @@ impl Poll<'_> {
         if !self.wire.quiet {
             self.say_how(master);
         }
+        self.evidence = self.gather(master);
         Ok(())
     }
 
@@ -234,6 +243,8 @@ impl Poll<'_> {
         // The slave still has the timeout of the last frame before it.
         let start = master.link().now_ns() + FIRST_SLOT_NS;
         let wall = Instant::now();
+        // What is over soon says at its end why frames are bad.
+        let lasts = caps.live && (count == 0 || self.polling.interval.is_some());
         let mut seq = 0u64;
         while (count == 0 || self.summary.cycles < count)
             && self.signals.caught().is_none()
@@ -297,10 +308,28 @@ impl Poll<'_> {
                 .count(master.format(), master.cycle(), master.trace().t_ns, tries);
             let (first, _) = self.summary.span_ns.unwrap_or_default();
             self.summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
+            let due = self.evidence.as_mut().is_some_and(|evidence| {
+                evidence.cycle(master.trace(), master.cycle());
+                lasts && evidence.is_due()
+            });
             audience.cycle(&turn, &self.summary, master)?;
+            if due {
+                self.say_why(audience)?;
+            }
             self.answer(audience);
             seq += 1;
         }
+        Ok(())
+    }
+
+    /// What the cycles so far have shown, behind their records.
+    #[cold]
+    fn say_why(&mut self, audience: &mut dyn Audience) -> Result<()> {
+        let news = self.reasons(false);
+        if !news.is_empty() {
+            audience.flush()?;
+        }
+        news.iter().for_each(|why| audience.why(why));
         Ok(())
     }
 

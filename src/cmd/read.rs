@@ -110,6 +110,7 @@ impl Plan {
             // Without a number of frames, as many as registers take.
             usual: u64::from(live && self.beside.is_none()),
             summary: Summary::default(),
+            evidence: None,
         };
         let run = Run {
             format: args.format,
@@ -175,6 +176,10 @@ impl Run {
         let result = result.and_then(|()| printer.borrow_mut().flush().map_err(writing));
         if !result.as_ref().is_err_and(is_broken_pipe) {
             poll.say_ended(live);
+            // What is captured shall be what was asked for.
+            let well = result.is_ok() && self.sink.is_none();
+            drop(master);
+            poll.explain(link, well);
             if !args.wire.quiet && (poll.count() != 1 || args.wire.verbose) {
                 poll.summary.print(args.format);
             }

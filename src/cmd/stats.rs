@@ -53,6 +53,7 @@ fn measure(
         signals,
         usual: if live { STATS_FRAMES } else { 0 },
         summary: Summary::default(),
+        evidence: None,
     };
     let stop = poll.signals.watch();
     let mut master = Master::new(link, &protocol, args.polling.retries);
@@ -77,6 +78,8 @@ fn measure(
         meter.report.margin_eighths = master.margin()?;
     }
     let result = poll.frames(&mut master, &mut meter);
+    drop(master);
+    poll.explain(link, result.is_ok());
     // After an error too: what was measured before it has been measured.
     let mut told = Ok(());
     if result.is_ok() || poll.summary.cycles > 0 {

@@ -63,6 +63,7 @@ fn watch(
         signals,
         usual: 0,
         summary: Summary::default(),
+        evidence: None,
     };
     let stop = poll.signals.watch();
     let mut master = Master::new(link, &protocol, args.polling.retries);
@@ -86,6 +87,7 @@ fn watch(
     // Gives the terminal back, before anything else is said.
     eye.terminal = None;
     if !result.as_ref().is_err_and(is_broken_pipe) && !args.wire.quiet {
+        poll.reasons(true).iter().for_each(note);
         poll.summary.print(OutputFormat::Text);
     }
     poll.ended(result)
@@ -157,6 +159,13 @@ impl Audience for Eye {
     fn report(&mut self, summary: &Summary) {
         if self.terminal.is_none() {
             note(summary);
+        }
+    }
+
+    fn why(&mut self, why: &str) {
+        match self.terminal {
+            Some(_) => self.view.why(why),
+            None => note(why),
         }
     }
 

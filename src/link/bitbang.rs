@@ -17,7 +17,7 @@
 //! one with a longer timeout waits for that, one with a shorter for MO. In INIT MO stays high.
 
 use super::{Caps, Clock, Error, Known, Link, Phase};
-use crate::limits::TIMEOUT_MIN_NS;
+use crate::limits::{REST_NS, TIMEOUT_MIN_NS};
 use crate::trace::{Ask, Bits, Clocks, Level, MAX_CLOCKS, Trace, Until};
 use crate::unit::Hertz;
 use crate::waveform::{Log, Waveform};
@@ -85,6 +85,8 @@ pub struct Bang<P> {
     times: Vec<Sampled>,
     scratch: Vec<u64>,
     ma_high: bool,
+    /// The pin is low where MA is high.
+    upside_down: bool,
     last_edge_ns: u64,
     mo_high: bool,
     /// The last frame ended with its stop bit seen as 0, so SL = 1 means ready. Else SL = 1 may be a data bit
@@ -125,6 +127,7 @@ impl<P: Pins> Bang<P> {
             times: Vec::with_capacity(MAX_CLOCKS),
             scratch: Vec::with_capacity(MAX_CLOCKS),
             ma_high: true,
+            upside_down: false,
             last_edge_ns,
             mo_high: true,
             stop_seen: false,
@@ -150,7 +153,7 @@ impl<P: Pins> Bang<P> {
     /// Drives MA; the times before and after the call enclose the edge.
     fn edge(&mut self, high: bool) -> Result<Edge, Error> {
         let before = self.pins.now_ns();
-        self.pins.ma(high)?;
+        self.pins.ma(high != self.upside_down)?;
         self.ma_high = high;
         let after = self.pins.now_ns();
         self.last_edge_ns = after;
@@ -651,6 +654,13 @@ impl<P: Pins> Link for Bang<P> {
         self.period_ns = whole(period_ns, &self.pins);
         self.measured_ns = None;
         Ok(self.clock())
+    }
+
+    fn turn_ma(&mut self, upside_down: bool) -> Result<bool, Error> {
+        self.upside_down = upside_down;
+        self.edge(true)?;
+        self.idle(REST_NS)?;
+        Ok(true)
     }
 
     /// From the last frame: calls that move a line can take longer than those that were timed at the start, and then

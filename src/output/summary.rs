@@ -23,6 +23,18 @@ pub(crate) struct Summary {
     pub(crate) cycles: u64,
     /// Start of the first and of the last cycle.
     pub(crate) span_ns: Option<(u64, u64)>,
+    /// Why frames were bad.
+    pub(crate) diagnosis: Vec<Why>,
+}
+
+/// A cause, and what to do about it.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(crate) struct Why {
+    pub(crate) cause: &'static str,
+    pub(crate) text: String,
+    pub(crate) count: u64,
+    #[serde(rename = "try")]
+    pub(crate) command: String,
 }
 
 impl Summary {
@@ -138,7 +150,8 @@ impl Summary {
         map.serialize_entry("skipped", &self.skipped)?;
         map.serialize_entry("retries", &self.retries)?;
         map.serialize_entry("elapsed_ns", &self.elapsed_ns)?;
-        map.serialize_entry("rate_hz", &self.rate_hz())
+        map.serialize_entry("rate_hz", &self.rate_hz())?;
+        map.serialize_entry("diagnosis", &self.diagnosis)
     }
 }
 

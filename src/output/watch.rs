@@ -46,6 +46,8 @@ pub(crate) struct View {
     ack_clk: Option<u16>,
     delay: Option<Delay>,
     faults: VecDeque<(u64, String)>,
+    /// Why they are.
+    why: Option<String>,
     /// Counters from which this view counts.
     base: Summary,
 }
@@ -157,6 +159,7 @@ impl View {
             ack_clk: None,
             delay: None,
             faults: VecDeque::new(),
+            why: None,
             base: Summary::default(),
         }
     }
@@ -193,6 +196,11 @@ impl View {
         }
     }
 
+    /// Why frames are bad.
+    pub(crate) fn why(&mut self, why: &str) {
+        self.why = Some(why.to_owned());
+    }
+
     fn time(&mut self, t_ns: u64, due_ns: Option<u64>) {
         self.cycles += 1;
         self.starts.push_back((t_ns, self.cycles));
@@ -227,6 +235,7 @@ impl View {
     pub(crate) fn begin_anew(&mut self, summary: &Summary) {
         self.base = summary.clone();
         self.faults.clear();
+        self.why = None;
         self.late_ns = 0;
         self.jitters.clear();
     }
@@ -319,6 +328,9 @@ impl View {
             line.add(fault.as_str(), Tone::Bad);
             lines.push(line);
         }
+        // What was seen, and what to do about it.
+        let parts = self.why.iter().flat_map(|why| why.split("; "));
+        lines.extend(parts.map(Line::plain));
         let mut keys = Line::default();
         keys.add("z count from here   r counters anew   q end", Tone::Faint);
         lines.extend([Line::default(), keys]);

@@ -134,6 +134,8 @@ pub struct Config {
     pub stuck: Option<bool>,
     /// Pairs whose wires are exchanged.
     pub swapped: Swapped,
+    /// It begins a frame only where MA has been high for its timeout, so not behind a CDM = 1.
+    pub rests_high: bool,
     /// A rising MA edge that comes sooner after the one before than a period of this is missed.
     pub clock_max: Option<Hertz>,
     /// How long MA stands where the machine that moves it has other things to do.
@@ -246,6 +248,7 @@ impl Default for Config {
             life_skips_zero: false,
             stuck: None,
             swapped: Swapped::default(),
+            rests_high: false,
             clock_max: None,
             pause: Nanos(20_000),
             rates: Rates::default(),
@@ -254,7 +257,7 @@ impl Default for Config {
 }
 
 /// The keys of [`Config::set`] with their values, as shown to users.
-pub const KEYS: [(&str, &str); 37] = [
+pub const KEYS: [(&str, &str); 38] = [
     ("frame", "FORMAT, last, takes the rest"),
     ("seed", "N"),
     ("motion", "still|count|speed|sine"),
@@ -281,6 +284,7 @@ pub const KEYS: [(&str, &str); 37] = [
     ("refuse read-only", "ADDRESS[..ADDRESS]"),
     ("stuck", "0|1"),
     ("swapped", "ma|slo|both"),
+    ("ma-rest", "any|high"),
     ("clock-max", "FREQ"),
     ("pause", "TIME, how long MA stands"),
     ("pauses", "PROBABILITY per MA edge"),
@@ -506,6 +510,13 @@ impl Config {
                         slo: true,
                     },
                     _ => return Err(wrong("ma|slo|both")),
+                }
+            }
+            "ma-rest" => {
+                self.rests_high = match value {
+                    "any" => false,
+                    "high" => true,
+                    _ => return Err(wrong("any|high")),
                 }
             }
             "clock-max" => self.clock_max = Some(value.parse()?),
