@@ -837,7 +837,9 @@ fn noise_in_a_chain_spoils_only_what_it_hits() {
         assert!(pos.len() <= 1, "{frame:?}");
     }
     assert!(alone > 50, "{alone} frames with one bad channel");
-    let summary: serde_json::Value = serde_json::from_str(stderr.trim()).unwrap();
+    let (why, summary) = stderr.trim().split_once('\n').unwrap();
+    assert!(why.starts_with("biss: noise on the line"), "{why}");
+    let summary: serde_json::Value = serde_json::from_str(summary).unwrap();
     let counted = summary["faults"].as_object().unwrap().values();
     let counted: u64 = counted.map(|count| count.as_u64().unwrap()).sum();
     assert_eq!(summary["good"], good_frames);

@@ -415,7 +415,9 @@ fn waits_until_an_encoder_appears_and_says_so_once() {
     // Not there in time: the fault is the record.
     let (stdout, stderr, status) = run("read sim:absent=2s --wait 1s");
     assert!(stdout.contains("fault no-ack"), "{stdout}");
-    assert_eq!((stderr.lines().count(), status), (1, Some(1)), "{stderr}");
+    assert_eq!(stderr.matches(SAYS).count(), 1, "{stderr}");
+    assert!(stderr.contains("no encoder") && stderr.lines().count() == 2);
+    assert_eq!(status, Some(1));
     assert_eq!(run("read sim:absent=1us -q").2, Some(0));
     // Who is there at once is not waited for.
     assert_eq!(run("read sim --wait 1s").1, "");

@@ -220,6 +220,18 @@ fn busy_for_too_long() {
     });
 }
 
+#[test]
+fn ack_too_late() {
+    named(Cause::LateAck, 50, |rng| {
+        let (hz, format) = (CLOCKS[rng.usize(2..)], any(rng));
+        let delay = rng.u32(14_000..20_000);
+        let config = format!("delay={delay}ns,seed={},frame={format}", rng.u32(..));
+        let mut run = Run::of(format, rng.usize(1..20));
+        run.protocol.ack_limit_ns = 8_000;
+        run.over(&mut Planned::new(&config, hz))
+    });
+}
+
 fn another_width(rng: &mut Rng) -> (String, String) {
     let (bits, mut off) = (rng.u8(14..30), rng.u8(1..=8));
     let sent = format!("mt12,st{bits},nE,nW,crc6");
@@ -504,4 +516,13 @@ fn healthy() {
         frames += run.frames;
     }
     println!("{rounds} runs, {frames} frames, nothing said");
+}
+
+#[test]
+fn every_cause_is_explained() {
+    let text = include_str!("../docs/faults.md");
+    for cause in Cause::ALL {
+        let row = format!("| `{}` |", cause.name());
+        assert!(text.contains(&row), "docs/faults.md has no {row}");
+    }
 }

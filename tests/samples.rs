@@ -95,11 +95,13 @@ fn one_recording_reads_the_same_in_every_kind() {
             Stored,
         );
         let wide: Vec<u8> = samples.iter().flat_map(|s| [0xFF, 0, s << 6]).collect();
-        let want = read(
-            &format!("file:{}", write("same.vcd", vcd.as_bytes())),
-            frame,
-            None,
-        );
+        // The next command names the recording.
+        let told = |link: &str, input: Option<&[u8]>| {
+            let (stdout, stderr, status) = read(link, frame, input);
+            (stdout, stderr.replace(link, "file:same"), status)
+        };
+        let link = format!("file:{}", write("same.vcd", vcd.as_bytes()));
+        let want = told(&link, None);
         assert!(!want.0.is_empty());
         if begins == 0 {
             assert_eq!(want.0, text(&format!("{name}.json")), "{name}");
@@ -113,9 +115,9 @@ fn one_recording_reads_the_same_in_every_kind() {
             ("wide.bin", wide, ",rate=1000MHz,ma=22,slo=23"),
         ] {
             let path = write(&format!("same.{kind}"), &bytes);
-            let file = read(&format!("file:{path}{options}"), frame, None);
+            let file = told(&format!("file:{path}{options}"), None);
             assert_eq!(file, want, "{name}.{kind}");
-            let pipe = read(&format!("file:-{options}"), frame, Some(&bytes));
+            let pipe = told(&format!("file:-{options}"), Some(&bytes));
             assert_eq!(pipe, want, "{name}.{kind} from a pipe");
         }
     }
