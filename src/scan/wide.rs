@@ -14,7 +14,16 @@ pub(super) trait Wide {
     fn pick(bytes: &[u8; BLOCK], bit: u8) -> u64;
 
     /// The bits of `word` where `mask` is 1, side by side from the least significant one on.
-    fn gather(word: u64, mask: u64) -> u64;
+    #[inline(always)]
+    fn gather(word: u64, mut mask: u64) -> u64 {
+        let (mut gathered, mut place) = (0, 0);
+        while mask != 0 {
+            gathered |= (word >> mask.trailing_zeros() & 1) << place;
+            place += 1;
+            mask &= mask - 1;
+        }
+        gathered
+    }
 }
 
 /// Something to be done with the widest instructions there are.
@@ -30,15 +39,19 @@ pub(super) fn widest(job: impl Job) {
         // SAFETY: the processor has just said that it has both; every one that has BMI2 has the others.
         return unsafe { x86::run(job) };
     }
-    job.run::<Portable>();
+    portable(job);
 }
 
-/// Does it with what every processor has.
+/// Does it with what every processor of its kind has: nothing is asked for.
 pub(super) fn portable(job: impl Job) {
+    #[cfg(target_arch = "x86_64")]
+    job.run::<x86::Sse2>();
+    #[cfg(not(target_arch = "x86_64"))]
     job.run::<Portable>();
 }
 
 /// Every processor.
+#[cfg_attr(target_arch = "x86_64", allow(dead_code))]
 struct Portable;
 
 impl Wide for Portable {
@@ -69,25 +82,16 @@ impl Wide for Portable {
         }
         word
     }
-
-    #[inline(always)]
-    fn gather(word: u64, mut mask: u64) -> u64 {
-        let (mut gathered, mut place) = (0, 0);
-        while mask != 0 {
-            gathered |= (word >> mask.trailing_zeros() & 1) << place;
-            place += 1;
-            mask &= mask - 1;
-        }
-        gathered
-    }
 }
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::{BLOCK, Job, Wide};
     use std::arch::x86_64::{
-        __m256i, _mm_cvtsi32_si128, _mm256_loadu_si256, _mm256_movemask_epi8, _mm256_or_si256,
-        _mm256_set1_epi8, _mm256_sll_epi16, _mm256_testz_si256, _mm256_xor_si256, _pext_u64,
+        __m128i, __m256i, _mm_and_si128, _mm_cmpeq_epi8, _mm_cvtsi32_si128, _mm_loadu_si128,
+        _mm_movemask_epi8, _mm_or_si128, _mm_set1_epi8, _mm_setzero_si128, _mm_sll_epi16,
+        _mm_xor_si128, _mm256_loadu_si256, _mm256_movemask_epi8, _mm256_or_si256, _mm256_set1_epi8,
+        _mm256_sll_epi16, _mm256_testz_si256, _mm256_xor_si256, _pext_u64,
     };
 
     /// # Safety
@@ -95,6 +99,64 @@ mod x86 {
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
     pub(super) unsafe fn run(job: impl Job) {
         job.run::<Avx2>();
+    }
+
+    /// SSE2, which every x86-64 has.
+    pub(super) struct Sse2;
+
+    impl Sse2 {
+        #[inline(always)]
+        fn quarters(bytes: &[u8; BLOCK]) -> [__m128i; 4] {
+            [0, 16, 32, 48].map(|at| {
+                let quarter: &[u8] = &bytes[at..at + 16];
+                // SAFETY: a quarter has 16 bytes, and the load needs no alignment.
+                unsafe { _mm_loadu_si128(quarter.as_ptr().cast()) }
+            })
+        }
+
+        /// Bits in which a byte differs from `level`.
+        #[inline(always)]
+        fn strange(bytes: &[u8; BLOCK], level: __m128i) -> __m128i {
+            let [a, b, c, d] = Sse2::quarters(bytes);
+            // SAFETY: works on registers only, and every x86-64 has SSE2.
+            unsafe {
+                let x = |quarter| _mm_xor_si128(quarter, level);
+                _mm_or_si128(_mm_or_si128(x(a), x(b)), _mm_or_si128(x(c), x(d)))
+            }
+        }
+    }
+
+    impl Wide for Sse2 {
+        #[inline(always)]
+        fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize {
+            // SAFETY: works on registers only, and every x86-64 has SSE2.
+            let (level, mask) = unsafe { (_mm_set1_epi8(level as i8), _mm_set1_epi8(mask as i8)) };
+            let none = |strange| {
+                // SAFETY: as above.
+                unsafe {
+                    let equal = _mm_cmpeq_epi8(_mm_and_si128(strange, mask), _mm_setzero_si128());
+                    _mm_movemask_epi8(equal) == 0xffff
+                }
+            };
+            let quiet = |block: &&[u8]| match (*block).try_into() {
+                Ok(block) => none(Sse2::strange(block, level)),
+                Err(_) => false,
+            };
+            bytes.chunks_exact(BLOCK).take_while(quiet).count()
+        }
+
+        #[inline(always)]
+        fn pick(bytes: &[u8; BLOCK], bit: u8) -> u64 {
+            let tops = Sse2::quarters(bytes).map(|quarter| {
+                // SAFETY: works on registers only, and every x86-64 has SSE2.
+                let tops = unsafe {
+                    let top = _mm_cvtsi32_si128(7 - i32::from(bit));
+                    _mm_movemask_epi8(_mm_sll_epi16(quarter, top))
+                };
+                u64::from(tops as u32)
+            });
+            tops[0] | tops[1] << 16 | tops[2] << 32 | tops[3] << 48
+        }
     }
 
     /// AVX2 and BMI2: used by [`run`] only.
@@ -202,7 +264,8 @@ mod tests {
             let mut seen = Vec::new();
             widest(Look(&bytes, bit, mask, &mut seen));
             portable(Look(&bytes, bit, mask, &mut seen));
-            assert_eq!(seen, [want; 2]);
+            Look(&bytes, bit, mask, &mut seen).run::<Portable>();
+            assert_eq!(seen, [want; 3]);
         }
     }
 }
