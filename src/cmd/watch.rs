@@ -75,6 +75,7 @@ fn watch(
         painter: Painter::new(args.ascii, args.color),
         terminal: None,
         due: Instant::now(),
+        painted: 0,
         over: false,
     };
     if let Err(error) = poll.open(&mut master, &mut eye) {
@@ -83,7 +84,10 @@ fn watch(
     eye.view.say_how(&master);
     eye.begin()?;
     let result = poll.frames(&mut master, &mut eye);
-    let result = result.and_then(|()| eye.paint(&poll.summary));
+    let result = result.and_then(|()| match eye.painted == poll.summary.cycles {
+        true => Ok(()),
+        false => eye.paint(&poll.summary),
+    });
     // Gives the terminal back, before anything else is said.
     eye.terminal = None;
     if !result.as_ref().is_err_and(is_broken_pipe) && !args.wire.quiet {
@@ -100,6 +104,8 @@ struct Eye {
     /// Where it paints on all of one.
     terminal: Option<Terminal>,
     due: Instant,
+    /// As many cycles were counted when it was painted last.
+    painted: u64,
     /// Whoever looks has seen enough.
     over: bool,
 }
@@ -118,6 +124,7 @@ impl Eye {
 
     fn paint(&mut self, summary: &Summary) -> Result<()> {
         self.due = Instant::now() + self.painter.period();
+        self.painted = summary.cycles;
         if let Some(terminal) = &self.terminal {
             while let Some(key) = terminal.key() {
                 match key {
