@@ -321,6 +321,11 @@ impl Evidence {
         }
     }
 
+    /// SL is sampled at another place in the bit from now on: line delays in clocks begin anew.
+    pub fn resampled(&mut self) {
+        self.delays = Delays::default();
+    }
+
     #[cold]
     fn is_good_again(&mut self, cycle: &Cycle) {
         let Some(bad) = &mut self.bad else { return };

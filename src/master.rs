@@ -312,6 +312,11 @@ impl<'a> Master<'a> {
         &self.trace
     }
 
+    /// Where in a bit SL is sampled, on links that have a choice.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
     /// Least and most clocks from edge 2 to the start bit, once the encoder has shown them.
     pub fn learned(&self) -> Option<(u16, u16)> {
         self.tracker.heads()

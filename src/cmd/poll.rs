@@ -245,7 +245,7 @@ impl Poll<'_> {
         let wall = Instant::now();
         // What is over soon says at its end why frames are bad.
         let lasts = caps.live && (count == 0 || self.polling.interval.is_some());
-        let mut seq = 0u64;
+        let (mut seq, mut phase) = (0u64, master.phase());
         while (count == 0 || self.summary.cycles < count)
             && self.signals.caught().is_none()
             && !audience.enough()
@@ -310,6 +310,10 @@ impl Poll<'_> {
             self.summary.elapsed_ns = master.link().now_ns().saturating_sub(first);
             let due = self.evidence.as_mut().is_some_and(|evidence| {
                 evidence.cycle(master.trace(), master.cycle());
+                if master.phase() != phase {
+                    phase = master.phase();
+                    evidence.resampled();
+                }
                 lasts && evidence.is_due()
             });
             audience.cycle(&turn, &self.summary, master)?;

@@ -24,6 +24,8 @@ pub(super) struct Flips {
     failed: Option<Failed>,
     /// Words that one bit makes good, and near to their neighbours.
     pub(super) single: u64,
+    /// Of these, the bits that have two of their channel beside them.
+    inner: u64,
     /// Words of which that cannot be said.
     pub(super) other: u64,
     /// Wrong bits that are like neither of their neighbours: a sample taken too early or too late is like one of them.
@@ -69,7 +71,8 @@ impl Flips {
         match flipped(channel, &failed, after) {
             Some(flip) => {
                 self.single += 1;
-                self.lone += u64::from(flip.lone);
+                self.inner += u64::from(flip.lone.is_some());
+                self.lone += u64::from(flip.lone == Some(true));
                 self.places |= 1u128 << flip.place.min(127);
                 self.evidence += flip.evidence;
             }
@@ -84,12 +87,12 @@ impl Flips {
 
     /// All that failed did so by a bit that was sampled too early or too late.
     pub(super) fn are_late(&self) -> bool {
-        self.single >= 2 * self.other && self.noisier() < -2.5
+        self.places() && self.single >= 2 * self.other && self.noisier() < -2.5
     }
 
     /// The same where nothing else says so.
     pub(super) fn are_surely_late(&self) -> bool {
-        self.single >= self.other && self.noisier() < -6.0
+        self.places() && self.single >= self.other && self.noisier() < -6.0
     }
 
     /// How much more likely noise is than samples beside their bit, as a logarithm: a quarter of what noise turns is like
@@ -98,20 +101,25 @@ impl Flips {
         const OF_NOISE: f64 = 0.25;
         const OF_OTHERS: f64 = 0.03;
         let lone = self.lone as f64 * (OF_NOISE / OF_OTHERS).ln();
-        let beside = (self.single - self.lone) as f64;
+        let beside = (self.inner - self.lone) as f64;
         lone + beside * ((1.0 - OF_NOISE) / (1.0 - OF_OTHERS)).ln()
     }
 
     fn scattered(&self) -> bool {
-        let places = self.places.count_ones() >= PLACES;
-        places && self.evidence >= CERTAIN && self.single >= 2 * self.other
+        self.places() && self.evidence >= CERTAIN && self.single >= 2 * self.other
+    }
+
+    /// It is not always the same bit.
+    fn places(&self) -> bool {
+        self.places.count_ones() >= PLACES
     }
 }
 
 struct Flip {
     /// In its channel.
     place: u32,
-    lone: bool,
+    /// Like neither of those beside it, where there are two.
+    lone: Option<bool>,
     evidence: u64,
 }
 
@@ -132,7 +140,8 @@ fn flipped(channel: &Channel, failed: &Failed, after: u64) -> Option<Flip> {
     // At its ends other things than its own bits stand beside it.
     let right = word ^ 1u128 << (bits - 1 - place);
     let around = right >> (bits - 1 - place).saturating_sub(1) & 7;
-    let lone = (1..bits - 1).contains(&place) && (around == 0 || around == 7);
+    let inner = (1..bits - 1).contains(&place);
+    let lone = inner.then_some(around == 0 || around == 7);
     // That chance makes as much of a word: that one of so many bits fits its CRC, and that it is as near.
     let chance = f64::from(bits) / f64::from((1u32 << crc_bits) - 1) * near.share();
     let evidence = (-chance.min(1.0).log2() * SIXTEENTHS) as u64;
