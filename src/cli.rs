@@ -2,7 +2,7 @@
 
 use biss::ParseError;
 use biss::control::RETRIES;
-use biss::frame::Stall;
+pub(crate) use biss::frame::Timeout;
 use biss::link::{Kind, Spec};
 use biss::place::Zero;
 use biss::preset::Frame;
@@ -653,42 +653,8 @@ impl FromStr for Wanted {
     }
 }
 
-/// `--timeout`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Timeout {
-    pub(crate) stall: Stall,
-    pub(crate) max: Nanos,
-}
-
 /// Longest static timeout (D2 Table 10).
 pub(crate) const TIMEOUT_MAX: Nanos = Nanos(biss::limits::TIMEOUT_MAX_NS);
-
-impl FromStr for Timeout {
-    type Err = ParseError;
-
-    fn from_str(text: &str) -> Result<Timeout, ParseError> {
-        if text == "adaptive" {
-            return Ok(Timeout {
-                stall: Stall::Adaptive,
-                max: TIMEOUT_MAX,
-            });
-        }
-        let (min, max) = Nanos::range(text)?;
-        if min.0 == 0 {
-            return Err(ParseError::usage(
-                text,
-                "a timeout of 0 ends every frame at once",
-                "write it like 12us..40us",
-            ));
-        }
-        let max = max.unwrap_or(min.max(TIMEOUT_MAX));
-        let min_ns = u32::try_from(min.0).unwrap_or(u32::MAX);
-        Ok(Timeout {
-            stall: Stall::Static { min_ns },
-            max,
-        })
-    }
-}
 
 mod reg;
 mod scope;

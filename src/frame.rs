@@ -6,8 +6,12 @@
 use crate::cycle::{Cycle, Fault, Head, Word};
 use crate::format::{Channel, Format};
 use crate::limits;
+use crate::parse::ParseError;
 use crate::protocol::{Ability, Protocol};
 use crate::trace::{Bits, Clocks, Cut, MAX_CLOCKS, Trace, Until};
+use crate::unit::Nanos;
+use std::fmt;
+use std::str::FromStr;
 
 /// From how long a level on MA a slave may have timed out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +25,53 @@ pub enum Stall {
     },
     /// An adaptive timeout: the frame's own reference, at most 12 µs.
     Adaptive,
+}
+
+/// How an encoder finds the end of a frame, as users say it: `12us`, `12us..40us`, `adaptive`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timeout {
+    /// How long a level on MA may last.
+    pub stall: Stall,
+    /// How long SL = 1 is awaited.
+    pub max: Nanos,
+}
+
+impl FromStr for Timeout {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Timeout, ParseError> {
+        const MAX: Nanos = Nanos(limits::TIMEOUT_MAX_NS);
+        if text == "adaptive" {
+            return Ok(Timeout {
+                stall: Stall::Adaptive,
+                max: MAX,
+            });
+        }
+        let (min, max) = Nanos::range(text)?;
+        if min.0 == 0 {
+            return Err(ParseError::usage(
+                text,
+                "a timeout of 0 ends every frame at once",
+                "write it like 12us..40us",
+            ));
+        }
+        let min_ns = u32::try_from(min.0).unwrap_or(u32::MAX);
+        Ok(Timeout {
+            stall: Stall::Static { min_ns },
+            max: max.unwrap_or(min.max(MAX)),
+        })
+    }
+}
+
+impl fmt::Display for Timeout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let min_ns = match self.stall {
+            Stall::Adaptive => return f.write_str("adaptive"),
+            Stall::Static { min_ns } => min_ns.into(),
+            Stall::Unknown => limits::TIMEOUT_MIN_NS,
+        };
+        write!(f, "{}..{}", Nanos(min_ns), self.max)
+    }
 }
 
 /// [`limits::LEVEL_MAX_NS`] as levels are counted.

@@ -54,6 +54,7 @@ pub mod limits;
 pub mod link;
 pub mod loopback;
 pub mod master;
+pub mod measure;
 pub mod pair;
 pub mod parse;
 pub mod pattern;

@@ -66,6 +66,16 @@ impl ParseError {
         self
     }
 
+    /// What is wrong, without the text and the hint.
+    pub fn what(&self) -> &str {
+        &self.what
+    }
+
+    /// What would be right.
+    pub fn hint(&self) -> &str {
+        &self.hint
+    }
+
     /// The bytes of the text that are wrong.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()

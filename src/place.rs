@@ -62,6 +62,8 @@ pub enum Step {
 pub struct Number {
     turn: Option<Field>,
     position: Field,
+    /// Counts of a turn, where they are fewer than the position could hold.
+    counts: Option<u64>,
 }
 
 impl Number {
@@ -70,27 +72,49 @@ impl Number {
         Some(Number {
             turn: channel.find(|kind| *kind == Kind::Turn).cloned(),
             position: channel.position()?.clone(),
+            counts: None,
         })
     }
 
-    /// Its width, 1 to 64.
-    pub fn bits(&self) -> u32 {
-        let turn = self.turn.as_ref().map_or(0, Field::bits);
-        u32::from(turn) + u32::from(self.position.bits())
+    /// The same, with turns of so many counts, which must not be more than the position can hold.
+    #[must_use]
+    pub fn of_turns(self, counts: u64) -> Number {
+        let most = u64::MAX >> (64 - u32::from(self.position.bits()));
+        Number {
+            counts: (counts > 0 && counts <= most).then_some(counts),
+            ..self
+        }
+    }
+
+    /// How many numbers there are.
+    pub fn range(&self) -> u128 {
+        let turns = 1u128 << self.turn.as_ref().map_or(0, Field::bits);
+        let counts = self.counts.map(u128::from);
+        turns * counts.unwrap_or(1 << self.position.bits())
     }
 
     /// The largest it can be.
     pub fn most(&self) -> u64 {
-        u64::MAX >> (64 - self.bits().clamp(1, 64))
+        (self.range() - 1) as u64
     }
 
-    /// Its value in a data word.
+    /// Whether the position of a data word is within a turn, as it is of every word where a turn is all that it can hold.
+    pub fn is_within(&self, data: u64) -> bool {
+        self.counts
+            .is_none_or(|counts| self.position.get(data) < counts)
+    }
+
+    /// Its value in a data word; of a position beyond its turn the last one of that turn.
     pub fn get(&self, data: u64) -> u64 {
         let turn = self.turn.as_ref().map_or(0, |turn| turn.get(data));
-        let above = turn
-            .checked_shl(self.position.bits().into())
-            .unwrap_or_default();
-        above | self.position.get(data)
+        let position = self.position.get(data);
+        match self.counts {
+            Some(counts) => turn * counts + position.min(counts - 1),
+            None => {
+                let above = turn.checked_shl(self.position.bits().into());
+                above.unwrap_or_default() | position
+            }
+        }
     }
 }
 
@@ -118,18 +142,23 @@ struct Last {
 impl Counter {
     /// None for a channel without a position.
     pub fn new(channel: &Channel, count: Count) -> Option<Counter> {
+        Number::of(channel).map(|number| Counter::of(number, count))
+    }
+
+    /// Counts such numbers.
+    pub fn of(number: Number, count: Count) -> Counter {
         let zero = match count.zero {
             Zero::At(number) => Some(number),
             Zero::Here => None,
         };
-        Some(Counter {
-            number: Number::of(channel)?,
+        Counter {
+            number,
             count,
             zero,
             last: None,
             pace: None,
             missed: false,
-        })
+        }
     }
 
     /// The next word has no number to count.
@@ -157,7 +186,7 @@ impl Counter {
         if self.count.unwrap {
             (counts, step)
         } else {
-            (counts & i128::from(self.number.most()), Step::Clear)
+            (counts.rem_euclid(self.number.range() as i128), Step::Clear)
         }
     }
 
@@ -166,24 +195,24 @@ impl Counter {
         let Some(last) = self.last else {
             return (number.into(), Step::Clear);
         };
-        let most = self.number.most();
-        let half = most / 2 + 1;
-        let up = number.wrapping_sub(last.number) & most;
-        let down = last.number.wrapping_sub(number) & most;
+        let range = self.number.range() as i128;
+        let up = (i128::from(number) - i128::from(last.number)).rem_euclid(range);
+        let down = (range - up) % range;
         let way = up.min(down);
+        let quarter = range / 4;
         let ns = t_ns.saturating_sub(last.t_ns);
         let step = match way {
-            way if way == half => Step::Unknown,
-            way if way > 0 && way >= half / 2 => Step::Fast,
-            _ if self.lost(ns, half / 2) => Step::Lost,
+            way if way > 0 && way * 2 == range => Step::Unknown,
+            way if way > 0 && way >= quarter => Step::Fast,
+            _ if self.lost(ns, quarter as u64) => Step::Lost,
             _ => Step::Clear,
         };
-        self.pace = Some((way, ns));
-        if up <= half {
-            (last.place + i128::from(up), step)
-        } else {
-            (last.place - i128::from(down), step)
-        }
+        self.pace = Some((way as u64, ns));
+        let place = match up <= down {
+            true => last.place + up,
+            false => last.place - down,
+        };
+        (place, step)
     }
 
     /// Whether it may have moved so far in a gap of so many nanoseconds. What stands still may have moved by less than
@@ -238,15 +267,17 @@ mod tests {
     }
 
     /// A word whose turns and position make `number`, whatever else is in it.
-    fn word(channel: &Channel, number: u64, noise: u64) -> u64 {
+    fn word(channel: &Channel, number: u64, turn: u64, noise: u64) -> u64 {
         let position = channel.position().unwrap();
         let noise = noise >> (64 - u32::from(channel.data_bits()));
-        let word = position.set(noise, number);
+        // All of 64 bits is one turn.
+        let (turns, rest) = match turn {
+            0 => (0, number),
+            _ => (number / turn, number % turn),
+        };
+        let word = position.set(noise, rest);
         match channel.find(|kind| *kind == Kind::Turn) {
-            Some(turn) => turn.set(
-                word,
-                number.checked_shr(position.bits().into()).unwrap_or(0),
-            ),
+            Some(field) => field.set(word, turns),
             None => word,
         }
     }
@@ -278,7 +309,13 @@ mod tests {
         let mut wraps = [0u32; 2];
         for _ in 0..2_000 {
             let channel = any_channel(&mut rng);
-            let range = 1i128 << Number::of(&channel).unwrap().bits();
+            let mut number = Number::of(&channel).unwrap();
+            let turn = 1u128 << channel.position().unwrap().bits();
+            if rng.bool() && turn > 3 && turn < 1 << 63 {
+                number = number.of_turns(rng.u64(3..=turn as u64));
+            }
+            let turn = number.counts.map_or(turn, u128::from) as u64;
+            let range = number.range() as i128;
             let here = rng.bool();
             let zero = rng.u64(..=(range - 1) as u64);
             let count = Count {
@@ -286,7 +323,7 @@ mod tests {
                 zero: if here { Zero::Here } else { Zero::At(zero) },
                 reverse: rng.bool(),
             };
-            let mut counter = Counter::new(&channel, count).unwrap();
+            let mut counter = Counter::of(number, count);
             let mut shaft = i128::from(rng.u64(..=(range - 1) as u64));
             let zero = if here { shaft } else { zero.into() };
             // Fast and slow, mostly one way.
@@ -296,8 +333,9 @@ mod tests {
                 _ => (-(range / 2) + 1, range / 2 - 1),
             };
             for t_ns in (0..40).map(|slot| slot * 1000) {
-                let number = (shaft & (range - 1)) as u64;
-                let (counts, step) = counter.next(word(&channel, number, rng.u64(..)), t_ns);
+                let number = shaft.rem_euclid(range) as u64;
+                let word = word(&channel, number, turn, rng.u64(..));
+                let (counts, step) = counter.next(word, t_ns);
                 let away = shaft - zero;
                 let mut want = if count.reverse { -away } else { away };
                 if !count.unwrap {

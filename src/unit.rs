@@ -1,4 +1,4 @@
-//! Quantities as users write them: `500kHz`, `40us`, `12us..40us`, `1%`.
+//! Quantities as users write them: `500kHz`, `40us`, `12us..40us`, `50nm`, `1%`.
 //!
 //! A bare number is an error: whether `40` means microseconds or milliseconds is not for us to guess.
 
@@ -13,6 +13,10 @@ pub struct Hertz(pub u32);
 /// A span of time in nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Nanos(pub u64);
+
+/// A length in femtometres, above 0 and up to 18 km.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Femtometres(pub u64);
 
 impl Hertz {
     /// The length of one period, rounded to a nanosecond and never 0.
@@ -64,6 +68,17 @@ const NANOS: [(&str, u64); 6] = [
     ("μs", 1_000),
     ("ms", 1_000_000),
     ("s", 1_000_000_000),
+];
+
+const FEMTOMETRES: [(&str, u64); 8] = [
+    ("fm", 1),
+    ("pm", 1_000),
+    ("nm", 1_000_000),
+    ("um", 1_000_000_000),
+    ("µm", 1_000_000_000),
+    ("μm", 1_000_000_000),
+    ("mm", 1_000_000_000_000),
+    ("m", 1_000_000_000_000_000),
 ];
 
 /// `digits[.digits]` times `scale`, exact or `None`.
@@ -157,6 +172,21 @@ impl FromStr for Nanos {
     }
 }
 
+impl FromStr for Femtometres {
+    type Err = ParseError;
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        let examples = "50nm, 1.25um or 0.001mm";
+        match quantity(text, &FEMTOMETRES, examples)? {
+            0 => Err(ParseError::usage(
+                text,
+                "a length of 0",
+                &format!("write it like {examples}"),
+            )),
+            fm => Ok(Femtometres(fm)),
+        }
+    }
+}
+
 impl fmt::Display for Hertz {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         print(f, u64::from(self.0), &HERTZ)
@@ -167,6 +197,13 @@ impl fmt::Display for Nanos {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ascii = [NANOS[0], NANOS[1], NANOS[4], NANOS[5]];
         print(f, self.0, &ascii)
+    }
+}
+
+impl fmt::Display for Femtometres {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [fm, pm, nm, um, _, _, mm, m] = FEMTOMETRES;
+        print(f, self.0, &[fm, pm, nm, um, mm, m])
     }
 }
 
@@ -286,5 +323,19 @@ mod tests {
         }
         assert_eq!(Nanos(12_500).to_string(), "12.5us");
         assert_eq!(Hertz(1_250_000).to_string(), "1.25MHz");
+        for (text, fm) in [
+            ("50nm", 50_000_000),
+            ("244.140625nm", 244_140_625),
+            ("1.25um", 1_250_000_000),
+            ("1pm", 1_000),
+            ("2mm", 2_000_000_000_000),
+            ("1m", 1_000_000_000_000_000),
+        ] {
+            assert_eq!(text.parse::<Femtometres>().unwrap(), Femtometres(fm));
+            assert_eq!(Femtometres(fm).to_string(), text);
+        }
+        for bad in ["50", "0nm", "1km", "0.1fm", "nm", "-1nm", "99999m", "1e3nm"] {
+            assert!(bad.parse::<Femtometres>().is_err(), "{bad}");
+        }
     }
 }

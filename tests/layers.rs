@@ -83,6 +83,7 @@ const CORE: &[&str] = &[
     "identity/profile.rs",
     "limits.rs",
     "loopback.rs",
+    "measure.rs",
     "pair.rs",
     "parse.rs",
     "pattern.rs",
