@@ -1,6 +1,6 @@
 //! The command line as clap sees it. `cmd` turns it into checked values.
 
-use biss::ParseError;
+pub(crate) use biss::config::Wanted;
 use biss::control::RETRIES;
 pub(crate) use biss::frame::Timeout;
 use biss::link::{Kind, Spec};
@@ -13,7 +13,6 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, ValueEnum};
 use std::env;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 /// What was typed, checked word by word.
 #[derive(Debug)]
@@ -631,26 +630,6 @@ pub(crate) struct Stubborn {
     /// Control frames without progress that are repeated
     #[arg(long, value_name = "N", default_value_t = RETRIES)]
     pub(crate) retries: u32,
-}
-
-/// `--frame`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Wanted {
-    /// The slaves' registers shall say it.
-    Auto,
-    /// As it was written down.
-    Given(Frame),
-}
-
-impl FromStr for Wanted {
-    type Err = ParseError;
-
-    fn from_str(text: &str) -> Result<Wanted, ParseError> {
-        match text {
-            "auto" => Ok(Wanted::Auto),
-            _ => text.parse().map(Wanted::Given),
-        }
-    }
 }
 
 /// Longest static timeout (D2 Table 10).

@@ -169,8 +169,8 @@ pub fn scales(
     let channels = format.channels();
     let scale = |channel| Scale::of(channel, unit, resolution);
     let scales: Vec<Option<Scale>> = channels.iter().map(scale).collect::<Result<_, _>>()?;
-    let asked = unit.map(|unit| format!("--unit {unit}"));
-    let asked = asked.or_else(|| Some(format!("--resolution {}", resolution?)));
+    let asked = unit.map(|unit| format!("unit {unit}"));
+    let asked = asked.or_else(|| Some(format!("resolution {}", resolution?)));
     let (Some(asked), true) = (asked, scales.iter().all(Option::is_none)) else {
         return Ok(scales);
     };
@@ -183,7 +183,7 @@ pub fn scales(
         Some(Unit::None) => Ok(scales),
         _ => Err(Misfit(format!(
             "{asked}: a pos field is no angle by itself, and `{format}` has no other\n  \
-             say how many counts a turn has: --resolution 8192"
+             say how many counts a turn has: resolution 8192"
         ))),
     }
 }
@@ -224,12 +224,12 @@ impl Scale {
                 Ok(Some(scale))
             }
             (false, _) => Err(Misfit(format!(
-                "--unit {unit} takes the measuring step of the encoder\n  \
-                 say it as a length: --resolution 50nm, or 2mm/8192"
+                "unit {unit} takes the measuring step of the encoder\n  \
+                 say it as a length: resolution 50nm, or 2mm/8192"
             ))),
             (true, Some(resolution)) => Err(Misfit(format!(
-                "--unit {unit} is an angle, and --resolution {resolution} a length\n  \
-                 take --unit mm, or say how many counts a turn has"
+                "unit {unit} is an angle, and resolution {resolution} a length\n  \
+                 take unit mm, or say how many counts a turn has"
             ))),
         }
     }
@@ -324,7 +324,7 @@ pub fn number(channel: &Channel, resolution: Option<Resolution>) -> Result<Optio
     let bits = field.bits();
     match u128::from(counts) > 1 << bits {
         true => Err(Misfit(format!(
-            "--resolution {counts}: st{bits} counts from 0 to {}, a turn cannot have more\n  \
+            "resolution {counts}: st{bits} counts from 0 to {}, a turn cannot have more\n  \
              a position that goes on over several turns is written pos{bits}",
             (1u128 << bits) - 1
         ))),
@@ -531,7 +531,7 @@ mod tests {
             ("st24", "rad", "50nm", "is an angle"),
             ("st12", "", "4097", "st12 counts from 0 to 4095"),
             ("data8", "deg", "", "`data8` has none"),
-            ("data8", "", "50nm", "--resolution 50nm measures a position"),
+            ("data8", "", "50nm", "resolution 50nm measures a position"),
             ("st12", "none", "", "none"),
             ("pos12", "", "", "none"),
         ] {

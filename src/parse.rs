@@ -103,3 +103,52 @@ pub(crate) fn split_at(text: &str, separator: char) -> impl Iterator<Item = (usi
     text.split(separator)
         .map(move |part| (part.as_ptr() as usize - text.as_ptr() as usize, part))
 }
+
+/// The one of `known` that is meant by a word that is none of them.
+pub(crate) fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+    const LONGEST: usize = 32;
+    let word: Vec<char> = word.chars().take(LONGEST + 1).collect();
+    if word.len() > LONGEST {
+        return None;
+    }
+    let near = known.iter().map(|known| (distance(&word, known), *known));
+    let (distance, known) = near.min()?;
+    (distance <= 1 + known.len() / 4).then_some(known)
+}
+
+/// How many letters are to be put in, left out or changed.
+fn distance(word: &[char], known: &str) -> usize {
+    let mut row: Vec<usize> = (0..=word.len()).collect();
+    for (index, letter) in known.chars().enumerate() {
+        let mut before = std::mem::replace(&mut row[0], index + 1);
+        for (at, other) in word.iter().enumerate() {
+            let changed = before + usize::from(!letter.eq_ignore_ascii_case(other));
+            before = row[at + 1];
+            row[at + 1] = changed.min(before + 1).min(row[at] + 1);
+        }
+    }
+    row[word.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_meant_is_near() {
+        let known = ["link", "clock", "zero", "resolution", "unit"];
+        for (word, meant) in [
+            ("clok", Some("clock")),
+            ("Clock", Some("clock")),
+            ("resolutoin", Some("resolution")),
+            ("units", Some("unit")),
+            ("x", None),
+            ("colour", None),
+            ("", None),
+            ("éé", None),
+        ] {
+            assert_eq!(nearest(word, &known), meant, "{word}");
+        }
+        assert_eq!(nearest(&"k".repeat(100_000), &known), None);
+    }
+}

@@ -5,6 +5,7 @@
 
 use crate::format::{Channel, Field, Kind};
 use crate::parse::ParseError;
+use std::fmt;
 use std::str::FromStr;
 
 /// How to count.
@@ -40,6 +41,15 @@ impl FromStr for Zero {
                 &format!("`{text}` is no position"),
                 "write it in counts, such as 524288, or here for where the encoder is first",
             )),
+        }
+    }
+}
+
+impl fmt::Display for Zero {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Zero::At(number) => write!(f, "{number}"),
+            Zero::Here => f.write_str("here"),
         }
     }
 }

@@ -145,6 +145,8 @@ const LINKS: &[&str] = &[
 ];
 /// Joins both.
 const JOINTS: &[&str] = &[
+    "config.rs",
+    "config/save.rs",
     "identify.rs",
     "lib.rs",
     "link.rs",
