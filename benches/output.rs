@@ -44,6 +44,7 @@ mod cli {
 use biss::cycle::{Cycle, Head};
 use biss::format::{Format, Kind};
 use biss::frame::{BissC, emit};
+use biss::measure::scales;
 use biss::protocol::Protocol;
 use biss::trace::Trace;
 use src::output::{Look, Printer, Shot};
@@ -79,6 +80,7 @@ fn records(mut write: impl FnMut(Shot) -> io::Result<()>) {
     let format: Format = FORMAT.parse().unwrap();
     let protocol = BissC::new(format.clone());
     let traces = traces(&format);
+    let scales = scales(&format, None, None).unwrap();
     let mut cycle = Cycle::default();
     for (seq, trace) in (0..RECORDS).zip(traces.iter().cycle()) {
         protocol.decode(trace, &mut cycle);
@@ -90,6 +92,7 @@ fn records(mut write: impl FnMut(Shot) -> io::Result<()>) {
             seq,
             tries: None,
             counted: None,
+            scales: &scales,
             slaves: &[],
         })
         .unwrap();

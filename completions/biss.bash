@@ -133,7 +133,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__capture)
-            opts="-c -q -v -w -f -n -i -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --write --as --sample-rate --frame --clocks --count --interval --retries --wait --format --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -w -f -n -i -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --write --as --sample-rate --frame --clocks --count --interval --retries --wait --format --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -186,6 +186,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --write)
@@ -280,7 +284,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__command)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --broadcast --unchecked --reduced --format --help gpio: wave: sim exec:"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --broadcast --unchecked --reduced --format --help gpio: wave: sim exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -333,6 +337,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --retries)
@@ -603,7 +611,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__info)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --no-write --format --help gpio: wave: sim exec:"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --no-write --format --help gpio: wave: sim exec:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -658,6 +666,10 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -681,7 +693,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__list)
-            opts="-o -v -h --format --verbose --help"
+            opts="-o -v -h --format --verbose --config --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -695,6 +707,10 @@ _biss() {
                     COMPREPLY=($(compgen -W "text json" -- "${cur}"))
                     return 0
                     ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 *)
                     COMPREPLY=()
                     ;;
@@ -703,12 +719,16 @@ _biss() {
             return 0
             ;;
         biss__subcmd__loopback)
-            opts="-f -c -n -o -q -h --frame --clock --count --search --format --rt --cpu --quiet --help sim gpio: wave:"
+            opts="-f -c -n -o -q -h --config --frame --clock --count --search --format --rt --cpu --quiet --help sim gpio: wave:"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
             fi
             case "${prev}" in
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --frame)
                     COMPREPLY=($(compgen -W "balluff-bml-s1g0 balluff-bml-sl1 faulhaber-aemt lenz-irs lika-amm3616 lika-amm3619 lika-sma1 resolute-18 resolute-26 resolute-32 resolute-36 siko-msa213c" -- "${cur}"))
                     return 0
@@ -782,7 +802,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__read)
-            opts="-c -q -v -f -n -i -o -F -t -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --count --interval --retries --wait --format --fields --registers --slave --unwrap --zero --reverse --time --color --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -f -n -i -o -F -t -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --count --interval --retries --wait --format --fields --registers --slave --unwrap --zero --reverse --no-reverse --resolution --unit --time --color --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -835,6 +855,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --frame)
@@ -930,6 +954,20 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --resolution)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --unit)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
                 --time)
                     COMPREPLY=($(compgen -W "zero delta unix none" -- "${cur}"))
                     return 0
@@ -950,7 +988,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help gpio: wave: sim exec: read write dump save load"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --bank --verify --format --help gpio: wave: sim exec: read write dump save load"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1005,6 +1043,10 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1042,7 +1084,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__dump)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1095,6 +1137,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --retries)
@@ -1134,7 +1180,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__load)
-            opts="-c -q -v -o -h --dry-run --force --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --dry-run --force --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1187,6 +1233,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --retries)
@@ -1226,7 +1276,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__read)
-            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1281,6 +1331,10 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1318,7 +1372,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__save)
-            opts="-w -c -q -v -o -h --write --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
+            opts="-w -c -q -v -o -h --write --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1381,6 +1435,10 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1418,7 +1476,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__reg__subcmd__write)
-            opts="-c -q -v -o -h --unchecked --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --retries --slave --bank --verify --format --help"
+            opts="-c -q -v -o -h --unchecked --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --retries --slave --bank --verify --format --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1473,6 +1531,10 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --retries)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
@@ -1510,7 +1572,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__scope)
-            opts="-c -q -v -f -n -w -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --count --seq --skip --at --fault --within --write --ascii --width --color --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -f -n -w -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --count --seq --skip --at --fault --within --write --ascii --width --color --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1563,6 +1625,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --frame)
@@ -1642,7 +1708,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__stats)
-            opts="-c -q -v -f -i -o -n -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --interval --retries --wait --format --count --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -f -i -o -n -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --interval --retries --wait --format --count --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1695,6 +1761,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --frame)
@@ -1763,7 +1833,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__watch)
-            opts="-c -q -v -f -n -i -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --frame --retries --wait --ascii --color --count --interval --help gpio: spi: wave: sim file: exec:"
+            opts="-c -q -v -f -n -i -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --retries --wait --ascii --color --count --interval --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1816,6 +1886,10 @@ _biss() {
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace
                     fi
+                    return 0
+                    ;;
+                --config)
+                    COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
                 --frame)

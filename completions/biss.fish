@@ -39,6 +39,7 @@ complete -c biss -n "__fish_biss_needs_command" -f -a "loopback" -d 'The master 
 complete -c biss -n "__fish_biss_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand list" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand list" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand list" -s v -l verbose -d 'Free lines too, and all about presets; JSON has everything anyway'
 complete -c biss -n "__fish_biss_using_subcommand list" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand read" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
@@ -47,6 +48,7 @@ complete -c biss -n "__fish_biss_using_subcommand read" -l ack-limit -d 'How lon
 complete -c biss -n "__fish_biss_using_subcommand read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand read" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves\' registers say' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -71,6 +73,8 @@ complete -c biss -n "__fish_biss_using_subcommand read" -s F -l fields -d 'Tab-s
 complete -c biss -n "__fish_biss_using_subcommand read" -l registers -d 'Read these registers beside the frames, again and again [-n: until all are read once]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l slave -d 'Whose registers: ID 0 is the slave farthest away' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -l zero -d 'What counts as 0, as the encoder sends it, or the first good frame: adds counts' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l resolution -d 'Counts of a turn, where a field has room for more, or the measuring step of a linear encoder: 50nm, 2mm/8192' -r -f
+complete -c biss -n "__fish_biss_using_subcommand read" -l unit -d 'Measure positions in deg, rad, turns, mm, um, or none [default: deg of st fields, mm with a measuring step]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand read" -s t -l time -d 'Time stamps' -r -f -a "zero\t'Since the first frame'
 delta\t'Since the frame before'
 unix\t'Since 1970'
@@ -82,6 +86,7 @@ complete -c biss -n "__fish_biss_using_subcommand read" -s q -l quiet -d 'No sum
 complete -c biss -n "__fish_biss_using_subcommand read" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand read" -l unwrap -d 'Count on where the position rolls over, less than half its range a frame: adds counts'
 complete -c biss -n "__fish_biss_using_subcommand read" -l reverse -d 'Count against the encoder\'s direction: adds counts'
+complete -c biss -n "__fish_biss_using_subcommand read" -l no-reverse -d 'Count in the encoder\'s direction, whatever a named encoder says'
 complete -c biss -n "__fish_biss_using_subcommand read" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand stats" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand stats" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
@@ -89,6 +94,7 @@ complete -c biss -n "__fish_biss_using_subcommand stats" -l ack-limit -d 'How lo
 complete -c biss -n "__fish_biss_using_subcommand stats" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand stats" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand stats" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand stats" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand stats" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves\' registers say' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -117,6 +123,7 @@ complete -c biss -n "__fish_biss_using_subcommand watch" -l ack-limit -d 'How lo
 complete -c biss -n "__fish_biss_using_subcommand watch" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand watch" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand watch" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand watch" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves\' registers say' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -147,6 +154,7 @@ complete -c biss -n "__fish_biss_using_subcommand scope" -l ack-limit -d 'How lo
 complete -c biss -n "__fish_biss_using_subcommand scope" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand scope" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand scope" -s f -l frame -d 'Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto; without one the bits are drawn' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -180,6 +188,7 @@ complete -c biss -n "__fish_biss_using_subcommand capture" -l ack-limit -d 'How 
 complete -c biss -n "__fish_biss_using_subcommand capture" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand capture" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand capture" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand capture" -s w -l write -d 'The recording, - for standard output' -r -F
 complete -c biss -n "__fish_biss_using_subcommand capture" -l as -d 'What kind of recording [default: by the end of FILE\'s name]' -r -f -a "vcd\t'Value change dump'
 sr\t'sigrok session'
@@ -214,6 +223,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subco
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
@@ -234,6 +244,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from read" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
@@ -249,6 +260,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from write" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
@@ -265,6 +277,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from dump" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
@@ -281,6 +294,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from save" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
@@ -296,6 +310,7 @@ complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcomman
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l slave -d 'Whose registers: ID 0 is the slave farthest away [default: 0; load: the file\'s]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand reg; and __fish_seen_subcommand_from load" -l bank -d 'Bank to be selected for the work; save takes several, load means that one of the file' -r -f
@@ -313,6 +328,7 @@ complete -c biss -n "__fish_biss_using_subcommand command" -l ack-limit -d 'How 
 complete -c biss -n "__fish_biss_using_subcommand command" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand command" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand command" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -l slave -d 'For these slaves: ID 0 is the one farthest away' -r -f
 complete -c biss -n "__fish_biss_using_subcommand command" -s o -l format -d 'How the record looks' -r -f -a "text\t'For people'
@@ -329,6 +345,7 @@ complete -c biss -n "__fish_biss_using_subcommand info" -l ack-limit -d 'How lon
 complete -c biss -n "__fish_biss_using_subcommand info" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand info" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand info" -l retries -d 'Control frames without progress that are repeated' -r -f
 complete -c biss -n "__fish_biss_using_subcommand info" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
@@ -336,6 +353,7 @@ complete -c biss -n "__fish_biss_using_subcommand info" -s q -l quiet -d 'No sum
 complete -c biss -n "__fish_biss_using_subcommand info" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand info" -l no-write -d 'Do not even select a bank: what is in others is left out'
 complete -c biss -n "__fish_biss_using_subcommand info" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand loopback" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s f -l frame -d 'Frame format of the slave, or a preset' -r -f -a "balluff-bml-s1g0\t'Balluff BML-S1G0-B, magnetic linear, 28 bit'
 balluff-bml-sl1\t'Balluff BML SL1-ALZ1-B, magnetic linear, 24 bit'
 faulhaber-aemt\t'Faulhaber AEMT-12/16 L, magnetic, 16 bit of turns, 12 bit a turn'
@@ -378,31 +396,36 @@ spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
 file:\t'recording: sigrok session, VCD, CSV'
-exec:\t'a slave in another process, such as an HDL simulator'"
+exec:\t'a slave in another process, such as an HDL simulator'
+NAME\t'an encoder of the configuration'"
 complete -c biss -n "__fish_biss_using_subcommand stats" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
 file:\t'recording: sigrok session, VCD, CSV'
-exec:\t'a slave in another process, such as an HDL simulator'"
+exec:\t'a slave in another process, such as an HDL simulator'
+NAME\t'an encoder of the configuration'"
 complete -c biss -n "__fish_biss_using_subcommand watch" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
 file:\t'recording: sigrok session, VCD, CSV'
-exec:\t'a slave in another process, such as an HDL simulator'"
+exec:\t'a slave in another process, such as an HDL simulator'
+NAME\t'an encoder of the configuration'"
 complete -c biss -n "__fish_biss_using_subcommand scope" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
 file:\t'recording: sigrok session, VCD, CSV'
-exec:\t'a slave in another process, such as an HDL simulator'"
+exec:\t'a slave in another process, such as an HDL simulator'
+NAME\t'an encoder of the configuration'"
 complete -c biss -n "__fish_biss_using_subcommand capture" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'
 file:\t'recording: sigrok session, VCD, CSV'
-exec:\t'a slave in another process, such as an HDL simulator'"
+exec:\t'a slave in another process, such as an HDL simulator'
+NAME\t'an encoder of the configuration'"
 complete -c biss -n "__fish_biss_using_subcommand reg; and not __fish_seen_subcommand_from read write dump save load" -a "gpio:\t'two GPIO lines'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'

@@ -3,7 +3,7 @@
 pub(crate) use biss::config::Wanted;
 use biss::control::RETRIES;
 pub(crate) use biss::frame::Timeout;
-use biss::link::{Kind, Spec};
+use biss::link::Kind;
 use biss::place::Zero;
 use biss::preset::Frame;
 use biss::unit::{Hertz, Nanos};
@@ -196,17 +196,27 @@ pub(crate) fn typed(matches: &ArgMatches) -> Result<Command, clap::Error> {
     match verb {
         Some((verb, typed)) => {
             runs_nothing_unasked(typed)?;
-            (verb.parse)(typed)
+            let mut command = (verb.parse)(typed)?;
+            wire::complete(&mut command, typed)?;
+            Ok(command)
         }
         None => Err(command().error(clap::error::ErrorKind::MissingSubcommand, "no verb")),
     }
 }
 
+/// Where the value of an argument comes from, of a verb that has it.
+fn value_source(verb: &ArgMatches, arg: &str) -> Option<ValueSource> {
+    let known = verb.try_contains_id(arg).is_ok();
+    known.then(|| verb.value_source(arg)).flatten()
+}
+
 /// A command is run for whoever has typed it, not for whoever has set a variable somewhere.
 fn runs_nothing_unasked(typed: &ArgMatches) -> Result<(), clap::Error> {
-    let link = typed.try_get_one::<Spec>("link").ok().flatten();
-    let runs = link.is_some_and(|link| matches!(link.kind, Kind::Exec(_)));
-    if runs && typed.value_source("link") == Some(ValueSource::EnvVariable) {
+    let runs = match typed.try_get_one::<Target>("link") {
+        Ok(Some(Target::Link(link))) => matches!(link.kind, Kind::Exec(_)),
+        _ => false,
+    };
+    if runs && value_source(typed, "link") == Some(ValueSource::EnvVariable) {
         let what = format!(
             "an exec: link runs a command, so {LINK_VARIABLE} cannot name it\n  type it behind the verb, in quotes"
         );
@@ -261,6 +271,7 @@ Links:
   exec:[tick=TIME,][silence=TIME,]COMMAND
                                          a slave in another process, such as an HDL simulator
   An option frame=FORMAT|PRESET ends the options and takes the rest.
+  NAME                                   an encoder of the configuration; biss list shows them
 "
     };
 }
@@ -327,6 +338,13 @@ pub(crate) struct Read {
     /// Count against the encoder's direction: adds counts
     #[arg(long)]
     pub(crate) reverse: bool,
+
+    /// Count in the encoder's direction, whatever a named encoder says
+    #[arg(long, overrides_with = "reverse")]
+    pub(crate) no_reverse: bool,
+
+    #[command(flatten)]
+    pub(crate) measure: Measure,
 
     /// Time stamps
     #[arg(short, long, value_enum, default_value_t = TimeStyle::Zero)]
@@ -489,7 +507,10 @@ Exit status:
 #[derive(Debug, Args)]
 pub(crate) struct Loopback {
     /// Where the jumpers are [default: none, in process]
-    pub(crate) link: Option<Spec>,
+    pub(crate) link: Option<Target>,
+
+    #[command(flatten)]
+    pub(crate) files: Configuration,
 
     /// Frame format of the slave, or a preset
     #[arg(short, long, value_name = "FORMAT")]
@@ -526,7 +547,7 @@ pub(crate) struct Loopback {
 
 const LIST_HELP: &str = "\
 Shown:
-  GPIO chips, their lines and who holds them; spidevs and their drivers; what this user may use;
+  GPIO chips, their lines and who holds them; spidevs and their drivers; named encoders; what this user may use;
   settings of the kernel that matter; presets. What is missing comes with its fix.
 
 Exit status:
@@ -542,6 +563,9 @@ pub(crate) struct List {
     /// Free lines too, and all about presets; JSON has everything anyway
     #[arg(short, long)]
     pub(crate) verbose: bool,
+
+    #[command(flatten)]
+    pub(crate) files: Configuration,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -584,46 +608,6 @@ pub(crate) enum ColorWhen {
     Never,
 }
 
-/// The way to an encoder.
-#[derive(Debug, Args)]
-pub(crate) struct Wire {
-    /// Where the encoder is
-    #[arg(env = LINK_VARIABLE, hide_env_values = true)]
-    pub(crate) link: Spec,
-
-    /// Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]
-    #[arg(short, long, value_name = "FREQ")]
-    pub(crate) clock: Option<Hertz>,
-
-    /// The slave's timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]
-    #[arg(long, value_name = "MIN[..MAX]|adaptive", display_order = 800)]
-    pub(crate) timeout: Option<Timeout>,
-
-    /// How long Ack is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us", display_order = 801)]
-    pub(crate) ack_limit: Nanos,
-
-    /// How long the start bit is searched, eight clocks at least
-    #[arg(long, value_name = "TIME", default_value = "40us", display_order = 802)]
-    pub(crate) busy_limit: Nanos,
-
-    /// Real-time priority (SCHED_FIFO), memory locked
-    #[arg(long, value_name = "PRIO", display_order = 900, value_parser = clap::value_parser!(u8).range(1..=99))]
-    pub(crate) rt: Option<u8>,
-
-    /// Run on this processor only
-    #[arg(long, value_name = "N", display_order = 901)]
-    pub(crate) cpu: Option<usize>,
-
-    /// No summary and no notes on stderr
-    #[arg(short, long, conflicts_with = "verbose", display_order = 902)]
-    pub(crate) quiet: bool,
-
-    /// Say how the link runs, and what it took; where records are printed, add the bits
-    #[arg(short, long, display_order = 903)]
-    pub(crate) verbose: bool,
-}
-
 /// How stubborn talking to registers is.
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct Stubborn {
@@ -639,10 +623,12 @@ mod reg;
 mod scope;
 mod stats;
 mod watch;
+mod wire;
 pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
 pub(crate) use scope::Scope;
 pub(crate) use stats::{STATS_FRAMES, Stats};
 pub(crate) use watch::Watch;
+pub(crate) use wire::{Configuration, Measure, Target, Wire};
 
 #[cfg(test)]
 mod generated;

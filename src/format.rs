@@ -214,7 +214,7 @@ impl Format {
 const FIELDS: &str =
     "fields are mtN stN posN padN dataN[=NAME] lcN nE nW E W and last crcN[:POLY[:init=X][:plain]]";
 /// Keys of a record that a named field must not take over.
-const RESERVED: [&str; 50] = [
+const RESERVED: [&str; 53] = [
     "type",
     "t_ns",
     "t_unix_us",
@@ -228,8 +228,11 @@ const RESERVED: [&str; 50] = [
     "lc",
     "counts",
     "deg",
+    "rad",
+    "turns",
     "rev",
     "mm",
+    "um",
     "error",
     "warning",
     "fault",

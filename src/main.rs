@@ -2,6 +2,7 @@
 
 mod cli;
 mod cmd;
+mod named;
 mod output;
 mod sys;
 

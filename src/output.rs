@@ -20,8 +20,8 @@ pub(crate) use summary::{Summary, Why};
 
 use crate::cli::{ColorWhen, ReportFormat, TimeStyle};
 use biss::cycle::{Cycle, Fault, Word};
-use biss::format::{Channel, Format, Kind};
-use biss::place;
+use biss::format::{Channel, Format};
+use biss::measure::{Scale, Unit};
 use biss::trace::Trace;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
@@ -63,6 +63,8 @@ pub(crate) struct Shot<'a> {
     pub(crate) tries: Option<u32>,
     /// What the user's own way of counting makes of it, where he has one.
     pub(crate) counted: Option<Counted<'a>>,
+    /// How each channel's position is measured; none where it is not.
+    pub(crate) scales: &'a [Option<Scale>],
     /// The ID of the slave that each channel belongs to; empty where nobody has asked them.
     pub(crate) slaves: &'a [u8],
 }
@@ -310,18 +312,20 @@ struct Good<'a> {
     counted: bool,
     counts: Option<i128>,
     unwrapped: bool,
+    scale: Option<&'a Scale>,
 }
 
 impl Good<'_> {
-    /// The angle of a single-turn position and as many decimals as its resolution needs.
-    fn degrees(&self) -> Option<(f64, usize)> {
-        let field = self.channel.find(|kind| *kind == Kind::SingleTurn)?;
+    /// The position in its unit, and as many decimals as its resolution needs.
+    fn measured(&self) -> Option<(Unit, f64, usize)> {
+        let scale = self.scale?;
         let counts = if self.counted {
             self.counts?
         } else {
-            field.get(self.data).into()
+            scale.number(self.data)?.into()
         };
-        Some(place::degrees(counts, field.bits(), self.unwrapped))
+        let (value, digits) = scale.value(counts, self.unwrapped);
+        Some((scale.unit(), value, digits))
     }
 }
 
@@ -408,6 +412,7 @@ impl<'a> Record<'a> {
             counted: self.shot.counted.is_some(),
             counts,
             unwrapped: self.shot.counted.is_some_and(|counted| counted.unwrapped),
+            scale: self.shot.scales.get(index).and_then(Option::as_ref),
         })
     }
 }
@@ -436,6 +441,7 @@ mod tests {
     use super::*;
     use biss::cycle::Head;
     use biss::frame::{BissC, emit};
+    use biss::measure::scales;
     use biss::protocol::Protocol;
 
     /// Text, JSON and all columns of each record of a frame, as a printer without colours makes them.
@@ -449,6 +455,7 @@ mod tests {
         };
         emit(&format, head, data, &mut trace.bits);
         BissC::new(format.clone()).decode(&trace, &mut cycle);
+        let scales = scales(&format, None, None).unwrap_or_default();
         let shot = Shot {
             format: &format,
             cycle: &cycle,
@@ -457,6 +464,7 @@ mod tests {
             seq: 7,
             tries: None,
             counted: None,
+            scales: &scales,
             slaves,
         };
         let columns = columns(&Shape {
@@ -464,6 +472,7 @@ mod tests {
             time: TimeStyle::None,
             slaves: !slaves.is_empty(),
             counted: false,
+            scales: &scales,
             live: false,
             delay_clk: false,
             delay_ns: false,

@@ -104,8 +104,8 @@ pub(crate) fn split_at(text: &str, separator: char) -> impl Iterator<Item = (usi
         .map(move |part| (part.as_ptr() as usize - text.as_ptr() as usize, part))
 }
 
-/// The one of `known` that is meant by a word that is none of them.
-pub(crate) fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+/// The one of `known` that is meant by a word that is none of them, if it is near to any.
+pub fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     const LONGEST: usize = 32;
     let word: Vec<char> = word.chars().take(LONGEST + 1).collect();
     if word.len() > LONGEST {

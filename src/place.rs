@@ -74,6 +74,8 @@ pub struct Number {
     position: Field,
     /// Counts of a turn, where they are fewer than the position could hold.
     counts: Option<u64>,
+    /// It does not roll over.
+    line: bool,
 }
 
 impl Number {
@@ -83,6 +85,7 @@ impl Number {
             turn: channel.find(|kind| *kind == Kind::Turn).cloned(),
             position: channel.position()?.clone(),
             counts: None,
+            line: false,
         })
     }
 
@@ -94,6 +97,12 @@ impl Number {
             counts: (counts > 0 && counts <= most).then_some(counts),
             ..self
         }
+    }
+
+    /// The same on a line, where what comes before 0 is below it and not the largest number.
+    #[must_use]
+    pub fn on_a_line(self) -> Number {
+        Number { line: true, ..self }
     }
 
     /// How many numbers there are.
@@ -171,6 +180,11 @@ impl Counter {
         }
     }
 
+    /// What it counts.
+    pub fn number(&self) -> &Number {
+        &self.number
+    }
+
     /// The next word has no number to count.
     pub fn miss(&mut self) {
         self.missed = true;
@@ -195,6 +209,8 @@ impl Counter {
         let counts = if self.count.reverse { -away } else { away };
         if self.count.unwrap {
             (counts, step)
+        } else if self.number.line {
+            (counts, Step::Clear)
         } else {
             (counts.rem_euclid(self.number.range() as i128), Step::Clear)
         }
@@ -360,6 +376,21 @@ mod tests {
             }
         }
         assert!(wraps.iter().all(|count| *count > 1_000), "{wraps:?}");
+    }
+
+    #[test]
+    fn a_line_does_not_roll_over() {
+        let number = Number::of(&channel("pos8")).unwrap().on_a_line();
+        for (reverse, counts) in [(false, -20), (true, 20)] {
+            let count = Count {
+                unwrap: false,
+                zero: Zero::At(100),
+                reverse,
+            };
+            let mut counter = Counter::of(number.clone(), count);
+            assert_eq!(counter.next(80, 0), (counts, Step::Clear));
+            assert_eq!(counter.next(255, 1).0, if reverse { -155 } else { 155 });
+        }
     }
 
     #[test]

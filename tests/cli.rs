@@ -90,6 +90,10 @@ fn no_field_can_be_named_like_a_key() {
         "read file:tests/recordings/faults.vcd -f st26,nE,nW,crc6 -o json -q",
         "read file:tests/recordings/flags.vcd -f st26,nE,nW,crc6 -o json -q",
         "read sim --unwrap -o json",
+        "read sim --unit rad -o json",
+        "read sim --unit turns -o json",
+        "read sim --resolution 50nm -o json",
+        "read sim --resolution 50nm --unit um -o json",
     ] {
         for record in json(&run(args).0) {
             keys.extend(record.as_object().unwrap().keys().cloned());

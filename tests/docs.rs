@@ -18,6 +18,7 @@
 use biss::control::Failure;
 use biss::cycle::Fault;
 use biss::link::Spec;
+use biss::measure::{Resolution, Unit};
 use biss::place::Zero;
 use biss::preset::Frame;
 use biss::slave::KEYS;
@@ -203,6 +204,7 @@ fn run(command: &str, before: i32) -> Ran {
         .env("NO_COLOR", "1")
         .env_remove("BISS_LINK")
         .env_remove("BISS_FRAME")
+        .env("XDG_CONFIG_HOME", "/nonexistent")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .spawn()
@@ -370,7 +372,9 @@ fn words(command: &str) -> Vec<String> {
 type Check = fn(&str) -> Result<(), String>;
 
 /// Options that take a value.
-const VALUED: [(&str, Check); 22] = [
+const VALUED: [(&str, Check); 24] = [
+    ("--unit", |v| parses::<Unit>(v)),
+    ("--resolution", |v| parses::<Resolution>(v)),
     ("-f --frame", |v| parses::<Frame>(v)),
     ("-c --clock", |v| parses::<Hertz>(v)),
     ("-i --interval", |v| parses::<Nanos>(v)),

@@ -5,6 +5,7 @@ use crate::output::{Column, Look, Shape, choose, columns, note};
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
 use biss::link::{Kind, Spec};
+use biss::measure::Scale;
 use biss::preset::{Frame, Preset};
 use biss::unit::{Hertz, Nanos};
 
@@ -61,7 +62,13 @@ pub(super) fn live_only(wire: &cli::Wire, options: &[(&str, bool)]) -> Result<()
 }
 
 /// How records look, decided before anything is opened.
-pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: bool) -> Result<Look> {
+pub(super) fn look(
+    args: &cli::Read,
+    format: &Format,
+    slaves: bool,
+    counted: bool,
+    scales: &[Option<Scale>],
+) -> Result<Look> {
     let kind = &args.wire.link.kind;
     let clocks_only = matches!(
         kind,
@@ -73,6 +80,7 @@ pub(super) fn look(args: &cli::Read, format: &Format, slaves: bool, counted: boo
         time: args.time,
         slaves,
         counted,
+        scales,
         live,
         delay_clk: clocks_only,
         delay_ns: !clocks_only,

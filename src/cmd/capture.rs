@@ -54,11 +54,12 @@ pub(crate) fn run(args: cli::Capture, frame_given: bool) -> Result<Ended> {
         zero_ns: 0,
         slowest_ns: None,
     };
+    let known = frame.is_some();
     let frame = frame.unwrap_or(Frame {
         format: Default::default(),
         preset: None,
     });
-    run_given(as_read(args), frame, Some(sink))
+    run_given(as_read(args, known), frame, Some(sink))
 }
 
 /// `-f` beats the link's own `frame=`, that beats the environment. A simulated slave has a format anyway.
@@ -134,8 +135,13 @@ fn kind(args: &cli::Capture) -> Result<Kind> {
     }
 }
 
-/// The same, for `biss read`.
-fn as_read(args: cli::Capture) -> cli::Read {
+/// The same, for `biss read`. Records of a known frame count as the encoder's name says.
+fn as_read(args: cli::Capture, known: bool) -> cli::Read {
+    let named = args.wire.named.as_deref();
+    let named = named.filter(|_| known && args.format.is_some());
+    let zero = named.and_then(|named| named.zero);
+    let reverse = named.is_some_and(|named| named.reverse);
+    let measure = named.map_or_else(cli::Measure::default, cli::Measure::of);
     cli::Read {
         wire: args.wire,
         frame: None,
@@ -145,8 +151,10 @@ fn as_read(args: cli::Capture) -> cli::Read {
         registers: Vec::new(),
         slave: 0,
         unwrap: false,
-        zero: None,
-        reverse: false,
+        zero,
+        reverse,
+        no_reverse: false,
+        measure,
         time: cli::TimeStyle::Zero,
         color: cli::ColorWhen::Auto,
     }

@@ -5,7 +5,55 @@ use crate::output::{Counted, note};
 use anyhow::{Result, bail};
 use biss::cycle::Cycle;
 use biss::format::Format;
+use biss::measure::{Scale, number, scales};
 use biss::place::{Count, Counter, Number, Step, Zero};
+
+/// `--unit` and `--resolution`: how positions are measured.
+pub(crate) struct Measuring {
+    scales: Vec<Option<Scale>>,
+    /// The numbers of turns that have fewer counts than their field could hold.
+    turns: Vec<Option<Number>>,
+    quiet: bool,
+}
+
+impl Measuring {
+    /// What unit and resolution make of the positions of this format.
+    pub(crate) fn asked(args: &cli::Read, format: &Format) -> Result<Measuring> {
+        let cli::Measure { resolution, unit } = args.measure;
+        let scales = scales(format, unit, resolution)?;
+        let channels = format.channels().iter();
+        let turns = channels.map(|channel| number(channel, resolution));
+        let turns = turns.collect::<Result<_, _>>()?;
+        Ok(Measuring {
+            scales,
+            turns: resolution.map_or_else(Vec::new, |_| turns),
+            quiet: args.wire.quiet,
+        })
+    }
+
+    /// One a channel.
+    pub(crate) fn scales(&self) -> &[Option<Scale>] {
+        &self.scales
+    }
+
+    /// Says, once, that a position is none of its turn.
+    pub(crate) fn look(&mut self, cycle: &Cycle) {
+        let words = self.turns.iter().zip(cycle.words());
+        let mut beyond = words.filter_map(|(number, word)| {
+            let (number, data) = number.as_ref().zip(word.good())?;
+            (!number.is_within(data)).then_some(data)
+        });
+        if beyond.next().is_some() {
+            self.turns.clear();
+            if !self.quiet {
+                note(
+                    "a position is beyond the counts that a turn has by its resolution: it is shown as it was sent, and neither \
+                     counted nor measured",
+                );
+            }
+        }
+    }
+}
 
 /// Counts every channel that has a position.
 pub(crate) struct Counting {
@@ -34,7 +82,12 @@ impl Counting {
         let Some((option, _)) = asked.iter().find(|(_, set)| *set) else {
             return Ok(None);
         };
-        let numbers = || format.channels().iter().map(Number::of);
+        let numbers: Vec<Option<Number>> = format
+            .channels()
+            .iter()
+            .map(|channel| number(channel, args.measure.resolution))
+            .collect::<Result<_, _>>()?;
+        let numbers = || numbers.iter().map(Option::as_ref);
         if numbers().all(|number| number.is_none()) {
             bail!("{option} counts a position, and `{format}` has none\n  it would be stN or posN");
         }
@@ -53,8 +106,8 @@ impl Counting {
                 );
             }
         }
-        let counter = |channel| Counter::new(channel, count);
-        let counters: Vec<Option<Counter>> = format.channels().iter().map(counter).collect();
+        let counter = |number: Option<&Number>| Some(Counter::of(number?.clone(), count));
+        let counters: Vec<Option<Counter>> = numbers().map(counter).collect();
         Ok(Some(Counting {
             counts: vec![None; counters.len()],
             counters,
@@ -73,12 +126,12 @@ impl Counting {
             let word = cycle.words().get(index).and_then(|word| word.good());
             let sound = word.filter(|data| channel.error(*data) != Some(true));
             match (sound, &mut self.counters[index]) {
-                (Some(data), Some(counter)) => {
+                (Some(data), Some(counter)) if counter.number().is_within(data) => {
                     let (counts, step) = counter.next(data, t_ns);
                     self.counts[index] = Some(counts);
                     self.warn(step);
                 }
-                (None, Some(counter)) => counter.miss(),
+                (_, Some(counter)) => counter.miss(),
                 (_, None) => {}
             }
         }

@@ -5,12 +5,14 @@
 
 use super::{Ended, Outcome};
 use crate::cli;
+use crate::named::Files;
 use crate::output::answer;
 use crate::output::list::{
-    Access, Board, Chip, ChipInside, Line, Missing, Preset, Report, Setting, Spidev,
+    Access, Board, Chip, ChipInside, Encoder, Line, Missing, Preset, Report, Setting, Spidev,
 };
 use anyhow::{Result, anyhow};
 use biss::link::{self, Uapi, gpio};
+use biss::measure::Unit;
 use biss::preset;
 use std::fs::{self, OpenOptions};
 use std::io;
@@ -26,7 +28,9 @@ pub(crate) fn run(args: cli::List) -> Result<Ended> {
         },
         ask: &ask,
     };
-    let text = machine.report().render(args.format, args.verbose)?;
+    let mut report = machine.report();
+    named(&Files::of(args.files.config.as_deref()), &mut report);
+    let text = report.render(args.format, args.verbose)?;
     match answer(&text) {
         // Whoever reads may have enough.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(anyhow!(
@@ -37,6 +41,38 @@ pub(crate) fn run(args: cli::List) -> Result<Ended> {
             signal: None,
         }),
     }
+}
+
+/// Encoders of the configuration, and what is wrong with it.
+fn named(files: &Files, report: &mut Report) {
+    let (encoders, wrong) = files.all();
+    let encoders = encoders.into_iter().map(|named| {
+        let encoder = named.encoder;
+        Encoder {
+            name: named.name,
+            file: named.file.display().to_string(),
+            link: encoder.link,
+            frame: encoder.frame.map(|frame| frame.to_string()),
+            clock_hz: encoder.clock.map(|clock| clock.0),
+            interval_ns: encoder.interval.map(|interval| interval.0),
+            timeout: encoder.timeout.map(|timeout| timeout.to_string()),
+            zero: encoder.zero.map(|zero| zero.to_string()),
+            reverse: encoder.reverse,
+            resolution: encoder.resolution.map(|resolution| resolution.to_string()),
+            unit: encoder.unit.map(Unit::name),
+        }
+    });
+    report.encoders = encoders.collect();
+    report.missing.extend(wrong.into_iter().map(|(_, error)| {
+        // The first line is what is wrong, the last one what helps.
+        let mut lines = error.lines();
+        let why = lines.next().unwrap_or_default().to_owned();
+        Missing {
+            what: "config",
+            why,
+            fix: lines.next_back().map(|fix| fix.trim().to_owned()),
+        }
+    }));
 }
 
 /// What a GPIO chip says of itself.
@@ -114,6 +150,7 @@ impl Machine<'_> {
             board: self.board(),
             chips,
             spidevs,
+            encoders: Vec::new(),
             missing,
             settings: settings.into_iter().flatten().collect(),
             presets: presets(),

@@ -39,7 +39,7 @@ pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
         signals,
         piped: true,
     };
-    let good = match args.link.as_ref().map(|link| &link.kind) {
+    let good = match args.link().map(|link| &link.kind) {
         None => bench.in_process(Config::default()),
         Some(Kind::Sim { config, .. }) => bench.in_process((**config).clone()),
         Some(Kind::Gpio { mo: Some(_), .. }) => bail!(
@@ -86,7 +86,7 @@ pub(crate) fn run(args: cli::Loopback) -> Result<Ended> {
 
 /// What has no meaning is a mistake, not something to be ignored.
 fn check(args: &cli::Loopback) -> Result<()> {
-    let kind = args.link.as_ref().map(|link| &link.kind);
+    let kind = args.link().map(|link| &link.kind);
     if !args.search.is_empty() && !matches!(kind, Some(Kind::Gpio { .. })) {
         bail!(
             "--search looks for a jumper on GPIO lines\n  leave it out, or name the link: gpio:0,ma=17,slo=27,ma-in=22,slo-out=23"
@@ -143,7 +143,7 @@ impl Bench<'_> {
 
     /// What the slave shall send: `-f` beats the link.
     fn format(&self) -> Option<Format> {
-        let link = || self.args.link.as_ref()?.frame.clone();
+        let link = || self.args.link()?.frame.clone();
         self.args
             .frame
             .clone()

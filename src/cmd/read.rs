@@ -4,7 +4,7 @@ use super::asked::{NO_FRAME, check, choose_frame, live_only, look};
 use super::auto;
 use super::beside::Beside;
 use super::capture::Sink;
-use super::counting::Counting;
+use super::counting::{Counting, Measuring};
 use super::line::Line;
 use super::overheard::Eavesdropper;
 use super::poll::{self, Audience, Gap, Poll, Turn, is_broken_pipe, recorded, writing};
@@ -70,6 +70,7 @@ struct Plan {
     /// The slave of each channel; none where nobody has said.
     slaves: Vec<u8>,
     counting: Option<Counting>,
+    measuring: Measuring,
     beside: Option<Beside>,
     /// Where both wires are written to.
     sink: Option<Sink>,
@@ -79,16 +80,24 @@ struct Plan {
 impl Plan {
     fn of(args: &cli::Read, frame: Frame, slaves: Vec<u8>, sink: Option<Sink>) -> Result<Plan> {
         let counting = Counting::asked(args, &frame.format)?;
+        let measuring = Measuring::asked(args, &frame.format)?;
         let beside = Beside::asked(args)?;
         let look = match &sink {
             Some(sink) if !sink.prints() => Look::Nothing,
-            _ => look(args, &frame.format, !slaves.is_empty(), counting.is_some())?,
+            _ => look(
+                args,
+                &frame.format,
+                !slaves.is_empty(),
+                counting.is_some(),
+                measuring.scales(),
+            )?,
         };
         let printer = Printer::new(look, args.time, args.color, args.wire.verbose);
         Ok(Plan {
             frame,
             slaves,
             counting,
+            measuring,
             beside,
             sink,
             printer: Rc::new(RefCell::new(printer)),
@@ -119,6 +128,7 @@ impl Plan {
             sink: self.sink,
             out: Out {
                 counting: self.counting,
+                measuring: self.measuring,
                 slaves: self.slaves,
                 printer: self.printer,
                 eavesdropper: recorded(&args.wire).then(Eavesdropper::default),
@@ -242,6 +252,7 @@ impl Audience for Run {
 /// Where frames become records.
 struct Out {
     counting: Option<Counting>,
+    measuring: Measuring,
     /// The slave ID of each channel, or none.
     slaves: Vec<u8>,
     printer: Rc<RefCell<Printer>>,
@@ -252,6 +263,7 @@ struct Out {
 impl Out {
     fn shot(&mut self, turn: &Turn, master: &Master) -> Result<()> {
         let (format, cycle, trace) = (master.format(), master.cycle(), master.trace());
+        self.measuring.look(cycle);
         let counted = self.counting.as_mut();
         let shot = Shot {
             format,
@@ -261,6 +273,7 @@ impl Out {
             seq: turn.seq,
             tries: turn.tries,
             counted: counted.map(|counting| counting.next(format, cycle, trace.t_ns)),
+            scales: self.measuring.scales(),
             slaves: &self.slaves,
         };
         self.printer.borrow_mut().shot(&shot).map_err(writing)

@@ -4,6 +4,7 @@ use super::{Place, Record, Scd, Time};
 use crate::cli::TimeStyle;
 use biss::ParseError;
 use biss::format::{Channel, Format, Kind};
+use biss::measure::{Scale, Unit};
 use std::io::{self, Write};
 
 /// A column, in the order of the keys in JSON.
@@ -19,7 +20,7 @@ pub(crate) enum Column {
     Data(String),
     Life,
     Counts,
-    Degrees,
+    Measure(Unit),
     Error,
     Warning,
     Fault,
@@ -46,6 +47,8 @@ pub(crate) struct Shape<'a> {
     pub(crate) slaves: bool,
     /// The user has a way of counting of his own.
     pub(crate) counted: bool,
+    /// How positions are measured.
+    pub(crate) scales: &'a [Option<Scale>],
     /// Not a recording.
     pub(crate) live: bool,
     /// Line delay is known in clocks.
@@ -68,7 +71,7 @@ impl Column {
             Column::Pos => "pos",
             Column::Life => "lc",
             Column::Counts => "counts",
-            Column::Degrees => "deg",
+            Column::Measure(unit) => unit.name(),
             Column::Error => "error",
             Column::Warning => "warning",
             Column::Fault => "fault",
@@ -110,6 +113,8 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
         }
     }
     let place = has(|kind| matches!(kind, Kind::SingleTurn | Kind::Position));
+    // Channels that are measured have one unit.
+    let unit = shape.scales.iter().flatten().map(Scale::unit).next();
     let before = [
         (Column::Time(time.unwrap_or_default()), time.is_some()),
         (Column::Seq, true),
@@ -122,7 +127,7 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
     let after = [
         (Column::Life, has(|kind| *kind == Kind::Life)),
         (Column::Counts, place && shape.counted),
-        (Column::Degrees, has(|kind| *kind == Kind::SingleTurn)),
+        (Column::Measure(unit.unwrap_or(Unit::None)), unit.is_some()),
         (Column::Error, any(&|channel| channel.error(0).is_some())),
         (
             Column::Warning,
@@ -152,7 +157,7 @@ pub(crate) fn columns(shape: &Shape) -> Vec<Column> {
 
 /// The columns of `list`, comma-separated names, out of those that are there.
 pub(crate) fn choose(list: &str, there: &[Column]) -> Result<Vec<Column>, ParseError> {
-    const ELSEWHERE: [&str; 18] = [
+    const ELSEWHERE: [&str; 22] = [
         "t_ns",
         "dt_ns",
         "t_unix_us",
@@ -163,6 +168,10 @@ pub(crate) fn choose(list: &str, there: &[Column]) -> Result<Vec<Column>, ParseE
         "lc",
         "counts",
         "deg",
+        "rad",
+        "turns",
+        "mm",
+        "um",
         "error",
         "warning",
         "tries",
@@ -239,8 +248,8 @@ impl Record<'_> {
             Column::Data(name) => field(out, &|kind| matches!(kind, Kind::Data(n) if n == name)),
             Column::Life => field(out, &|kind| *kind == Kind::Life),
             Column::Counts => write(out, good.and_then(|good| good.counts)),
-            Column::Degrees => match good.and_then(|good| good.degrees()) {
-                Some((degrees, digits)) => write!(out, "{degrees:.digits$}"),
+            Column::Measure(_) => match good.and_then(|good| good.measured()) {
+                Some((_, value, digits)) => write!(out, "{value:.digits$}"),
                 None => Ok(()),
             },
             Column::Error => write(out, error),
@@ -312,6 +321,7 @@ fn write(out: &mut Vec<u8>, value: Option<impl std::fmt::Display>) -> io::Result
 #[cfg(test)]
 mod tests {
     use super::*;
+    use biss::measure::scales;
 
     fn shape(format: &Format) -> Vec<Column> {
         columns(&Shape {
@@ -319,6 +329,7 @@ mod tests {
             time: TimeStyle::Zero,
             slaves: true,
             counted: true,
+            scales: &scales(format, None, None).unwrap_or_default(),
             live: true,
             delay_clk: true,
             delay_ns: true,

@@ -141,8 +141,8 @@ impl Good<'_> {
         if let Some(counts) = self.counts {
             object.number("counts", counts);
         }
-        if let Some((degrees, _)) = self.degrees() {
-            serde_json::to_writer(object.name("deg"), &degrees)?;
+        if let Some((unit, value, _)) = self.measured() {
+            serde_json::to_writer(object.name(unit.name()), &value)?;
         }
         if let Some(error) = error {
             object.flag("error", error);
@@ -172,6 +172,7 @@ mod tests {
     use biss::cycle::{Cycle, Fault, Head};
     use biss::format::Format;
     use biss::frame::{BissC, emit};
+    use biss::measure::{Unit, scales};
     use biss::protocol::Protocol;
     use biss::trace::Trace;
     use fastrand::Rng;
@@ -256,7 +257,9 @@ mod tests {
             }
             self.some("lc", field(Kind::Life));
             self.some("counts", good.counts);
-            self.some("deg", good.degrees().map(|(degrees, _)| degrees));
+            if let Some((unit, value, _)) = good.measured() {
+                self.entry(unit.name(), value);
+            }
             self.some("error", good.channel.error(good.data));
             self.some("warning", good.channel.warning(good.data));
         }
@@ -416,12 +419,15 @@ mod tests {
                 counts: &counts,
                 unwrapped: rng.bool(),
             };
+            let unit = [None, Some(Unit::Radians), Some(Unit::Turns)][rng.usize(..3)];
+            let scales = scales(&format, unit, None).unwrap_or_default();
             let shot = Shot {
                 format: &format,
                 cycle: &cycle,
                 trace: &trace,
                 t_ns: 0,
                 seq: any(rng),
+                scales: &scales,
                 tries: rng.bool().then(|| rng.u32(1..20)),
                 counted: rng.bool().then_some(counted),
                 slaves: &[5, 255][..rng.usize(..=2)],
@@ -443,8 +449,8 @@ mod tests {
             assert!(seen.contains(name), "{name}");
         }
         for name in [
-            "turn", "pos", "temp", "data", "lc", "counts", "deg", "error", "warning", "slave",
-            "ch", "bits",
+            "turn", "pos", "temp", "data", "lc", "counts", "deg", "rad", "error", "warning",
+            "slave", "ch", "bits",
         ] {
             assert!(seen.contains(name), "{name}");
         }

@@ -11,6 +11,7 @@ pub(crate) struct Report {
     pub(crate) board: Board,
     pub(crate) chips: Vec<Chip>,
     pub(crate) spidevs: Vec<Spidev>,
+    pub(crate) encoders: Vec<Encoder>,
     pub(crate) missing: Vec<Missing>,
     pub(crate) settings: Vec<Setting>,
     pub(crate) presets: Vec<Preset>,
@@ -97,10 +98,33 @@ pub(crate) struct Spidev {
 #[derive(Debug, Serialize)]
 pub(crate) struct Empty {}
 
+/// An encoder that a configuration has. What it does not say is absent.
+#[derive(Debug, Serialize)]
+pub(crate) struct Encoder {
+    pub(crate) name: String,
+    pub(crate) file: String,
+    pub(crate) link: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) frame: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) clock_hz: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) interval_ns: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) timeout: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) zero: Option<String>,
+    pub(crate) reverse: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) resolution: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) unit: Option<&'static str>,
+}
+
 /// What could be there and is not.
 #[derive(Debug, Serialize)]
 pub(crate) struct Missing {
-    /// `gpio` or `spi`.
+    /// `gpio`, `spi` or `config`.
     pub(crate) what: &'static str,
     pub(crate) why: String,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -150,6 +174,8 @@ enum Record<'a> {
     Line(&'a Line),
     #[serde(rename = "list-spidev")]
     Spidev(&'a Spidev),
+    #[serde(rename = "list-encoder")]
+    Encoder(&'a Encoder),
     #[serde(rename = "list-missing")]
     Missing(&'a Missing),
     #[serde(rename = "list-setting")]
@@ -217,6 +243,7 @@ impl Report {
         std::iter::once(Record::Board(&self.board))
             .chain(chips)
             .chain(self.spidevs.iter().map(Record::Spidev))
+            .chain(self.encoders.iter().map(Record::Encoder))
             .chain(self.missing.iter().map(Record::Missing))
             .chain(self.settings.iter().map(Record::Setting))
             .chain(self.presets.iter().map(Record::Preset))
@@ -273,6 +300,7 @@ impl Display for Text<'_> {
             self.spidev(f, spidev)?;
         }
         self.missing(f, "spi")?;
+        self.encoders(f)?;
         self.settings(f)?;
         self.presets(f)?;
         if report.chips.is_empty() && report.spidevs.is_empty() {
@@ -378,6 +406,27 @@ impl Text<'_> {
         Ok(())
     }
 
+    fn encoders(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let encoders = &self.report.encoders;
+        let wrong = |missing: &Missing| missing.what == "config";
+        if !encoders.is_empty() || self.report.missing.iter().any(wrong) {
+            f.write_str("\nEncoders, by name\n")?;
+        }
+        let widest = encoders.iter().map(|encoder| encoder.name.len()).max();
+        let width = widest.unwrap_or_default();
+        for encoder in encoders {
+            write!(f, "  {:width$}  {}", encoder.name, Clean(&encoder.link))?;
+            if let Some(frame) = &encoder.frame {
+                write!(f, " -f {}", Clean(frame))?;
+            }
+            if self.all {
+                encoder.more(f)?;
+            }
+            f.write_str("\n")?;
+        }
+        self.missing(f, "config")
+    }
+
     fn settings(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let settings = &self.report.settings;
         if !settings.is_empty() {
@@ -418,6 +467,27 @@ impl Text<'_> {
             }
         }
         Ok(())
+    }
+}
+
+impl Encoder {
+    fn more(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (option, value) in [
+            ("-c", self.clock_hz.map(|hz| Hertz(hz).to_string())),
+            ("-i", self.interval_ns.map(|ns| Nanos(ns).to_string())),
+            ("--timeout", self.timeout.clone()),
+            ("--zero", self.zero.clone()),
+            ("--resolution", self.resolution.clone()),
+            ("--unit", self.unit.map(str::to_owned)),
+        ] {
+            if let Some(value) = value {
+                write!(f, " {option} {value}")?;
+            }
+        }
+        if self.reverse {
+            f.write_str(" --reverse")?;
+        }
+        write!(f, "\n    from {}", Clean(&self.file))
     }
 }
 

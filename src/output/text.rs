@@ -3,6 +3,7 @@
 use super::{Good, Place, Record, Time, number};
 use anstyle::{AnsiColor, Style};
 use biss::format::Kind;
+use biss::measure::Unit;
 use biss::unit::{Hertz, Nanos};
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -87,6 +88,19 @@ pub(super) fn red(out: &mut Vec<u8>, color: bool, text: impl Display) -> io::Res
     paint(out, color, AnsiColor::Red, text)
 }
 
+/// What stands behind a value. A locale that has no degree sign has no µ.
+fn symbol(unit: Unit, degree: &str) -> &str {
+    match unit {
+        Unit::Degrees => degree,
+        Unit::Radians => " rad",
+        Unit::Turns => " turns",
+        Unit::Millimetres => " mm",
+        Unit::Micrometres if degree == "°" => " µm",
+        Unit::Micrometres => " um",
+        Unit::None => "",
+    }
+}
+
 fn paint(out: &mut Vec<u8>, color: bool, shade: AnsiColor, text: impl Display) -> io::Result<()> {
     if color {
         let style = Style::new().fg_color(Some(shade.into()));
@@ -116,9 +130,9 @@ impl Good<'_> {
             separate(out);
             write!(out, "counts {counts}")?;
         }
-        if let Some((degrees, digits)) = self.degrees() {
+        if let Some((unit, value, digits)) = self.measured() {
             separate(out);
-            write!(out, "{degrees:.digits$}{degree}")?;
+            write!(out, "{value:.digits$}{}", symbol(unit, degree))?;
         }
         separate(out);
         match (

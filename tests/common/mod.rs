@@ -105,6 +105,7 @@ pub fn biss(args: &[&str]) -> Command {
         .args(args)
         .env_remove("BISS_LINK")
         .env_remove("BISS_FRAME")
+        .env("XDG_CONFIG_HOME", "/nonexistent")
         .env("LC_ALL", "C.UTF-8")
         .env("NO_COLOR", "1");
     command
