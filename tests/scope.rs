@@ -486,7 +486,7 @@ const SMALL: &str = "scope sim:motion=still,pos=5,delay=300ns,frame=st4,E,crc3 -
 fn a_small_frame_looks_like_this() {
     let want = "\
 cycle 0, st4,E,crc3
-0.000000  pos 5  113°  ok
+0.000000  pos 5  112.5°  ok
 MA 1 MHz, Ack 1 clock, CDS 0, line delay 300 ns, timeout 20 µs, CDM 0
                        ├───┤ T = 1 µs (1 MHz)                  ├───── CDM = 0 ──────┤
 edge           1   2   3   4   5   6   7   8   9   10  11  12  13
