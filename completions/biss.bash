@@ -1708,7 +1708,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__stats)
-            opts="-c -q -v -f -i -o -n -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --interval --retries --wait --format --count --help gpio: spi: wave: sim file: exec: NAME"
+            opts="-c -q -v -f -i -o -n -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --interval --retries --wait --resolution --unit --format --count --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1803,6 +1803,20 @@ _biss() {
                     fi
                     return 0
                     ;;
+                --resolution)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --unit)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
                 --format)
                     COMPREPLY=($(compgen -W "text json" -- "${cur}"))
                     return 0
@@ -1833,7 +1847,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__watch)
-            opts="-c -q -v -f -n -i -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --retries --wait --ascii --color --count --interval --help gpio: spi: wave: sim file: exec: NAME"
+            opts="-c -q -v -f -n -i -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --frame --retries --wait --resolution --unit --ascii --color --count --interval --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1908,6 +1922,20 @@ _biss() {
                     return 0
                     ;;
                 --wait)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --resolution)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --unit)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace

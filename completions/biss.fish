@@ -111,6 +111,8 @@ auto\t'what the slaves\' registers say'"
 complete -c biss -n "__fish_biss_using_subcommand stats" -s i -l interval -d 'From start to start; missed slots are skipped and counted [default: back to back]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand stats" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand stats" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand stats" -l resolution -d 'Counts of a turn, where a field has room for more, or the measuring step of a linear encoder: 50nm, 2mm/8192' -r -f
+complete -c biss -n "__fish_biss_using_subcommand stats" -l unit -d 'Measure positions in deg, rad, turns, mm, um, or none [default: deg of st fields, mm with a measuring step]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand stats" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand stats" -s n -l count -d 'Number of frames, 0 for no end [default: 1000, all of a recording]' -r -f
@@ -139,6 +141,8 @@ siko-msa213c\t'Siko MSA213C, magnetic linear, 25 bit'
 auto\t'what the slaves\' registers say'"
 complete -c biss -n "__fish_biss_using_subcommand watch" -l retries -d 'Repetitions of a bad frame per slot [default: 3 for stalled, else 0]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand watch" -l wait -d 'How long to wait for a first good frame [default: 0s, or what a preset takes after power-on]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l resolution -d 'Counts of a turn, where a field has room for more, or the measuring step of a linear encoder: 50nm, 2mm/8192' -r -f
+complete -c biss -n "__fish_biss_using_subcommand watch" -l unit -d 'Measure positions in deg, rad, turns, mm, um, or none [default: deg of st fields, mm with a measuring step]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand watch" -l color -d 'Colours' -r -f -a "auto\t'On a terminal, unless NO_COLOR is set'
 always\t'Always'
 never\t'Never'"

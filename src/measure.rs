@@ -298,6 +298,16 @@ impl Scale {
         Some(away * twice.signum())
     }
 
+    /// The value of a difference or a speed in counts, which no round takes anything from.
+    pub fn of_counts(&self, counts: f64) -> f64 {
+        counts / self.divisor as f64 * self.factor()
+    }
+
+    /// Counts of a turn; none of lengths.
+    pub fn turn(&self) -> Option<f64> {
+        (self.turn > 0).then_some(self.turn as f64)
+    }
+
     fn factor(&self) -> f64 {
         match self.unit {
             Unit::Radians => TAU,

@@ -99,6 +99,15 @@ impl Number {
         }
     }
 
+    /// The same without the turns.
+    #[must_use]
+    pub fn of_one_turn(&self) -> Number {
+        Number {
+            turn: None,
+            ..self.clone()
+        }
+    }
+
     /// The same on a line, where what comes before 0 is below it and not the largest number.
     #[must_use]
     pub fn on_a_line(self) -> Number {

@@ -191,6 +191,9 @@ impl Motion {
     }
 
     fn next(&mut self, t_ns: u64, data: u64) {
+        if !self.number.is_within(data) {
+            return self.miss();
+        }
         let number = self.number.get(data);
         let place = self.last[1].map_or(0, |last| last.place + self.step(last.number, number));
         let sample = Sample {
@@ -220,8 +223,8 @@ impl Motion {
     }
 
     fn step(&self, from: u64, to: u64) -> i128 {
-        let range = i128::from(self.number.most()) + 1;
-        let up = i128::from(to.wrapping_sub(from) & self.number.most());
+        let range = self.number.range() as i128;
+        let up = (i128::from(to) - i128::from(from)).rem_euclid(range);
         if up > range / 2 { up - range } else { up }
     }
 
@@ -311,7 +314,11 @@ pub struct Stats {
 impl Stats {
     /// For frames of this format.
     pub fn new(format: &Format) -> Stats {
-        let mut numbers = format.channels().iter().map(Number::of);
+        Stats::of(format.channels().iter().map(Number::of))
+    }
+
+    /// For frames whose channels have these numbers, where a turn has fewer counts than its field could hold.
+    pub fn of(mut numbers: impl Iterator<Item = Option<Number>>) -> Stats {
         Stats {
             period_ns: Distribution::default(),
             jitter_ns: Distribution::default(),

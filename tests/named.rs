@@ -20,6 +20,16 @@ interval = \"2ms\"
 zero = 524288
 reverse = true
 
+[encoder.axis]
+link = \"sim:motion=count,pos=1000\"
+frame = \"pos24,nE,nW,crc6\"
+resolution = \"1um\"
+
+[encoder.table]
+link = \"sim:pos=900,rpm=6\"
+frame = \"st10,nE,nW,crc6\"
+resolution = 1000
+
 [encoder.gone]
 link = \"sim:stuck=1,frame=st8,crc6\"
 
@@ -132,6 +142,13 @@ fn every_verb_that_takes_a_link_takes_a_name() {
         ("read spindle", "turn 3"),
         ("stats spindle -n 5", "5 frames, 5 good"),
         ("watch spindle -n 3", "turn 3"),
+        ("stats axis -n 50", " mm)"),
+        ("stats axis -n 50 -o json", "\"mm_per_s\":"),
+        ("stats axis -n 50 --unit um", " um/s)"),
+        ("stats table -n 50 -i 10ms", "(0.1020 turns/s)"),
+        ("stats table -n 50 -i 10ms", "travel 50 (18.000000 deg)"),
+        ("watch axis -n 3", "counts/s"),
+        ("scope axis --width 100", " mm  ok"),
         ("scope spindle --width 100", "mt12,st20,nE,nW,crc6"),
         ("info spindle", "BISSIM"),
         ("reg spindle read 0x78", "0x42"),
@@ -181,7 +198,10 @@ fn errors_name_file_line_and_key() {
     fails("read spy:0.0", "unknown link `spy`");
     fs::write(&path, CONFIG).unwrap();
     fails("read spindel", "`spindle` is the nearest");
-    fails("read nothing-like-it", "are spindle gone asked bench");
+    fails(
+        "read nothing-like-it",
+        "are spindle axis table gone asked bench",
+    );
     fails(
         "read spindle -i 0s -n 1 -f st8,crc6",
         "--zero 524288 is never reached",
@@ -245,7 +265,7 @@ fn list_shows_them() {
         .iter()
         .filter(|record| record["type"] == "list-encoder")
         .collect();
-    assert_eq!(encoders.len(), 4);
+    assert_eq!(encoders.len(), 6);
     let spindle = encoders
         .iter()
         .find(|encoder| encoder["name"] == "spindle")

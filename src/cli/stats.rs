@@ -1,6 +1,6 @@
 //! `biss stats` as clap sees it.
 
-use super::{FRAME_VARIABLE, Polling, ReportFormat, Wanted, Wire};
+use super::{FRAME_VARIABLE, Measure, Polling, ReportFormat, Wanted, Wire};
 use clap::Args;
 
 pub(super) const STATS_HELP: &str = concat!(
@@ -50,6 +50,9 @@ pub(crate) struct Stats {
 
     #[command(flatten)]
     pub(crate) polling: Polling,
+
+    #[command(flatten)]
+    pub(crate) measure: Measure,
 
     /// How it is told
     #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]

@@ -1,6 +1,6 @@
 //! `biss watch` as clap sees it.
 
-use super::{ColorWhen, FRAME_VARIABLE, Polling, Wanted, Wire};
+use super::{ColorWhen, FRAME_VARIABLE, Measure, Polling, Wanted, Wire};
 use clap::Args;
 
 pub(super) const WATCH_HELP: &str = concat!(
@@ -48,6 +48,9 @@ pub(crate) struct Watch {
 
     #[command(flatten)]
     pub(crate) polling: Polling,
+
+    #[command(flatten)]
+    pub(crate) measure: Measure,
 
     /// Lines of - and # even where the locale knows better ones
     #[arg(long)]

@@ -193,10 +193,12 @@ pub(super) fn complete(command: &mut Command, matches: &ArgMatches) -> Result<()
         }
         Command::Stats(stats) => {
             want(&mut stats.frame, &stats.wire, matches);
+            stats.measure.complete(&stats.wire);
             pace(&mut stats.polling, &stats.wire);
         }
         Command::Watch(watch) => {
             want(&mut watch.frame, &watch.wire, matches);
+            watch.measure.complete(&watch.wire);
             pace(&mut watch.polling, &watch.wire);
         }
         Command::Scope(scope) => want(&mut scope.frame, &scope.wire, matches),

@@ -14,6 +14,7 @@ use biss::frame::BissC;
 use biss::link::tap::Tap;
 use biss::link::{Kind, Link};
 use biss::master::{Master, Slot};
+use biss::measure::{Scale, scales};
 use biss::protocol::{Ability, Protocol};
 use biss::trace::{Clocks, Cut, Trace};
 use biss::waveform::Change;
@@ -140,12 +141,26 @@ impl Protocol for Unknown {
     }
 }
 
+/// As the encoder's name says. Its zero and direction are not those of the wire, which is drawn: then nothing is measured.
+fn measured(args: &cli::Scope, format: &Format) -> Result<Vec<Option<Scale>>> {
+    let named = args.wire.named.as_deref();
+    if named.is_some_and(|named| named.zero.is_some() || named.reverse) {
+        return Ok(Vec::new());
+    }
+    let measure = named.map_or_else(cli::Measure::default, cli::Measure::of);
+    Ok(scales(format, measure.unit, measure.resolution)?)
+}
+
 fn draw(
     args: &cli::Scope,
     format: Option<Format>,
     link: Box<dyn Link>,
     signals: &Signals,
 ) -> Result<Ended> {
+    let scales = match &format {
+        Some(format) => measured(args, format)?,
+        None => Vec::new(),
+    };
     let line = Line::of(&args.wire, None);
     let protocol: Box<dyn Protocol> = match &format {
         Some(format) => Box::new(line.protocol(format.clone())),
@@ -164,6 +179,7 @@ fn draw(
     let result = found.run(&mut master, &stop);
     // What came before the damage of a recording is drawn all the same.
     let sheet = scope::Sheet {
+        scales: &scales,
         pictures: &found.pictures,
         format: format.as_ref(),
     };

@@ -11,6 +11,7 @@ use crate::sys::Signals;
 use anyhow::{Result, bail};
 use biss::link::Link;
 use biss::master::Master;
+use biss::measure::{number, scales};
 use biss::preset::Frame;
 use biss::stats::{Due, Stats};
 
@@ -45,6 +46,11 @@ fn measure(
 ) -> Result<Ended> {
     let protocol = Line::of(&args.wire, None).protocol(frame.format);
     let live = link.caps().live;
+    let cli::Measure { resolution, unit } = args.measure;
+    let scales = scales(&protocol.format, unit, resolution)?;
+    let channels = protocol.format.channels().iter();
+    let numbers = channels.map(|channel| number(channel, resolution));
+    let numbers: Vec<_> = numbers.collect::<Result<_, _>>()?;
     let mut poll = Poll {
         wire: &args.wire,
         polling: &args.polling,
@@ -61,9 +67,10 @@ fn measure(
     master.keep_distance(poll.distance_ns());
     let mut meter = Meter {
         report: Report {
-            stats: Stats::new(&protocol.format),
+            stats: Stats::of(numbers.into_iter()),
             format: protocol.format.clone(),
             slaves,
+            scales,
             interval: args.polling.interval,
             clock_limit: frame.preset.and_then(|preset| preset.clock_max),
             margin_eighths: None,

@@ -5,12 +5,15 @@ use super::line::Line;
 use super::poll::{self, Audience, Gap, Poll, Turn, is_broken_pipe, recorded, writing};
 use super::{Ended, auto};
 use crate::cli::{self, OutputFormat, Wanted};
-use crate::output::watch::{Painter, View};
+use crate::output::watch::{Painter, View, Way};
 use crate::output::{Summary, note};
 use crate::sys::{Signals, Terminal};
 use anyhow::{Result, anyhow, bail};
+use biss::format::Format;
 use biss::link::Link;
 use biss::master::Master;
+use biss::measure::{number, scales};
+use biss::place::Zero;
 use biss::preset::Frame;
 use biss::unit::Nanos;
 use std::time::{Duration, Instant};
@@ -55,6 +58,7 @@ fn watch(
     signals: Signals,
 ) -> Result<Ended> {
     let protocol = Line::of(&args.wire, None).protocol(frame.format);
+    let ways = ways(args, &protocol.format)?;
     let mut poll = Poll {
         wire: &args.wire,
         polling: &args.polling,
@@ -71,7 +75,7 @@ fn watch(
     master.keep_distance(poll.distance_ns());
     let interval = args.polling.interval.unwrap_or(INTERVAL);
     let mut eye = Eye {
-        view: View::new(&protocol.format, &slaves, interval),
+        view: View::new(&protocol.format, &slaves, interval, ways),
         painter: Painter::new(args.ascii, args.color),
         terminal: None,
         due: Instant::now(),
@@ -95,6 +99,24 @@ fn watch(
         poll.summary.print(OutputFormat::Text);
     }
     poll.ended(result)
+}
+
+/// How every channel is counted and measured.
+fn ways(args: &cli::Watch, format: &Format) -> Result<Vec<Option<Way>>> {
+    let cli::Measure { resolution, unit } = args.measure;
+    let named = args.wire.named.as_deref();
+    let scales = scales(format, unit, resolution)?;
+    let channels = format.channels().iter().zip(scales);
+    let way = |(channel, scale)| {
+        let number = number(channel, resolution)?;
+        Ok(number.map(|number| Way {
+            number,
+            scale,
+            zero: named.and_then(|named| named.zero).unwrap_or(Zero::At(0)),
+            reverse: named.is_some_and(|named| named.reverse),
+        }))
+    };
+    channels.map(way).collect()
 }
 
 /// Looks at all frames, and paints now and then.

@@ -7,7 +7,7 @@ use biss::cycle::Cycle;
 use biss::diagram::text::{self, Glyph};
 use biss::diagram::{Diagram, Tone, svg};
 use biss::format::{Channel, Format};
-use biss::measure;
+use biss::measure::Scale;
 use biss::trace::{Cut, Trace};
 
 /// A cycle, and how it is drawn.
@@ -27,6 +27,8 @@ pub(crate) struct Picture {
 pub(crate) struct Sheet<'a> {
     pub(crate) pictures: &'a [Picture],
     pub(crate) format: Option<&'a Format>,
+    /// How positions are measured.
+    pub(crate) scales: &'a [Option<Scale>],
 }
 
 /// How it was asked for.
@@ -118,18 +120,15 @@ impl Sheet<'_> {
 
     fn records(&self, picture: &Picture, unicode: bool) -> Vec<(String, Tone)> {
         let none = Format::default();
-        let format = self.format.unwrap_or(&none);
-        // Degrees, which every format takes.
-        let scales = measure::scales(format, None, None).unwrap_or_default();
         let shot = Shot {
-            format,
+            format: self.format.unwrap_or(&none),
             cycle: &picture.cycle,
             trace: &picture.trace,
             t_ns: picture.since_ns,
             seq: picture.seq,
             tries: None,
             counted: None,
-            scales: &scales,
+            scales: self.scales,
             slaves: &[],
         };
         let records = Record::all(&shot, Time::Zero(picture.since_ns), false);

@@ -3,6 +3,7 @@
 use super::{Summary, say, terminal_width, utf8_locale};
 use crate::cli::ReportFormat;
 use biss::format::{Format, Kind};
+use biss::measure::Scale;
 use biss::stats::{Bin, Distribution, Motion, NS_PER_METRE, Spread, Stats};
 use biss::unit::{Hertz, Nanos};
 use serde::ser::{Serialize, SerializeMap, Serializer};
@@ -20,6 +21,8 @@ pub(crate) struct Report {
     pub(crate) format: Format,
     /// The slave of each channel; none where nobody has said.
     pub(crate) slaves: Vec<u8>,
+    /// How the position of each channel is measured.
+    pub(crate) scales: Vec<Option<Scale>>,
     pub(crate) interval: Option<Nanos>,
     /// The encoder's own, where a preset knows it.
     pub(crate) clock_limit: Option<Hertz>,
@@ -209,8 +212,16 @@ impl Report {
         motions.filter_map(|(index, motion)| Some((index, motion.as_ref()?)))
     }
 
+    /// How a position is measured, where it is.
+    fn scale(&self, index: usize) -> Option<&Scale> {
+        self.scales.get(index)?.as_ref()
+    }
+
     /// Counts of a turn, where the position is one.
     fn turn(&self, index: usize) -> Option<f64> {
+        if let Some(scale) = self.scale(index) {
+            return scale.turn();
+        }
         let channel = self.format.channels().get(index)?;
         let field = channel.find(|kind| *kind == Kind::SingleTurn)?;
         Some(2f64.powi(field.bits().into()))
@@ -226,18 +237,25 @@ impl Report {
             (true, None) => format!("position of channel {index}"),
             (true, Some(slave)) => format!("position of channel {index}, slave {slave}"),
         };
-        let degrees = |counts: f64| match self.turn(index) {
-            Some(turn) => format!(" ({:.6} deg)", counts / turn * 360.0),
+        let measured = |counts: f64| match self.scale(index) {
+            Some(scale) => format!(" ({:.6} {})", scale.of_counts(counts), scale.unit()),
             None => String::new(),
         };
-        let _ = write!(out, "\n{name}: travel {travel}{}", degrees(travel as f64));
+        let _ = write!(out, "\n{name}: travel {travel}{}", measured(travel as f64));
         if let Some(noise) = motion.noise() {
-            let _ = write!(out, ", noise {noise:.2} rms{}", degrees(noise));
+            let _ = write!(out, ", noise {noise:.2} rms{}", measured(noise));
         }
         if let Some(speed) = motion.speed() {
             let _ = write!(out, "\n  speed {:.0} counts/s", speed.mean);
-            if let Some(turn) = self.turn(index) {
-                let _ = write!(out, " ({:.4} turns/s)", speed.mean / turn);
+            match (self.turn(index), self.scale(index)) {
+                (Some(turn), _) => {
+                    let _ = write!(out, " ({:.4} turns/s)", speed.mean / turn);
+                }
+                (None, Some(scale)) => {
+                    let rate = scale.of_counts(speed.mean);
+                    let _ = write!(out, " ({rate:.4} {}/s)", scale.unit());
+                }
+                (None, None) => {}
             }
             let _ = write!(out, ", {:.0} to {:.0}", speed.min, speed.max);
         }
@@ -384,6 +402,14 @@ impl Serialize for Channel<'_> {
             map.serialize_entry("speed_min", &rounded(speed.min, 10.0))?;
             map.serialize_entry("speed", &rounded(speed.mean, 10.0))?;
             map.serialize_entry("speed_max", &rounded(speed.max, 10.0))?;
+            if let Some(scale) = self
+                .report
+                .scale(self.index)
+                .filter(|scale| scale.turn().is_none())
+            {
+                let key = format!("{}_per_s", scale.unit());
+                map.serialize_entry(&key, &rounded(scale.of_counts(speed.mean), 1e6))?;
+            }
             if let Some(turn) = self.report.turn(self.index) {
                 map.serialize_entry("turns_per_s", &rounded(speed.mean / turn, 1e6))?;
             }

@@ -89,7 +89,7 @@ pub(super) fn red(out: &mut Vec<u8>, color: bool, text: impl Display) -> io::Res
 }
 
 /// What stands behind a value. A locale that has no degree sign has no µ.
-fn symbol(unit: Unit, degree: &str) -> &str {
+pub(super) fn symbol(unit: Unit, degree: &str) -> &str {
     match unit {
         Unit::Degrees => degree,
         Unit::Radians => " rad",

@@ -1,5 +1,6 @@
 //! What `biss watch` shows, on all of a terminal or as plain lines.
 
+use super::text::symbol;
 use super::{Summary, colored, on_terminal, raw, terminal_size, utf8_locale};
 use crate::cli::ColorWhen;
 use anstyle::{AnsiColor, Style};
@@ -7,7 +8,8 @@ use biss::cycle::Word;
 use biss::format::{Channel, Format, Kind};
 use biss::link::Clock;
 use biss::master::Master;
-use biss::place::{self, Count, Counter, Number, Zero};
+use biss::measure::Scale;
+use biss::place::{Count, Counter, Number, Zero};
 use biss::unit::Nanos;
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -58,10 +60,35 @@ enum Delay {
     Nanos(u32),
 }
 
+/// How a channel's position is counted and measured.
+#[derive(Clone)]
+pub(crate) struct Way {
+    pub(crate) number: Number,
+    pub(crate) scale: Option<Scale>,
+    /// What counts as 0 until somebody counts from where it is.
+    pub(crate) zero: Zero,
+    pub(crate) reverse: bool,
+}
+
+impl Way {
+    fn counter(&self, unwrap: bool, zero: Zero) -> Counter {
+        let count = Count {
+            unwrap,
+            zero,
+            reverse: self.reverse,
+        };
+        Counter::of(self.number.clone(), count)
+    }
+}
+
 /// One channel.
 struct Show {
     channel: Channel,
     slave: Option<u8>,
+    /// None without a position.
+    way: Option<Way>,
+    /// Where it is within its range.
+    place: Option<Counter>,
     /// Follows the position past its rollover, from a zero.
     counter: Option<Counter>,
     /// The last good word, its counts from zero, and when it came.
@@ -76,16 +103,10 @@ struct Show {
 struct Last {
     t_ns: u64,
     data: u64,
-    counts: i128,
-}
-
-fn counter(channel: &Channel) -> Option<Counter> {
-    let count = Count {
-        unwrap: true,
-        zero: Zero::Here,
-        reverse: false,
-    };
-    Counter::new(channel, count)
+    /// From zero; none where the position is beyond its turn.
+    counts: Option<i128>,
+    /// The same within the range of the encoder's number.
+    place: Option<i128>,
 }
 
 impl Show {
@@ -98,23 +119,35 @@ impl Show {
             }
             return;
         };
-        let mut counts = 0;
-        if let Some(counter) = &mut self.counter {
-            (counts, _) = counter.next(data, t_ns);
-            self.places.push_back((t_ns, counts));
-            while self.places.len() > 2 && t_ns - self.places[0].0 > SPEED_OVER_NS {
-                self.places.pop_front();
+        let (mut counts, mut place) = (None, None);
+        if let (Some(counter), Some(within)) = (&mut self.counter, &mut self.place) {
+            if counter.number().is_within(data) {
+                let (moved, _) = counter.next(data, t_ns);
+                (counts, place) = (Some(moved), Some(within.next(data, t_ns).0));
+                self.places.push_back((t_ns, moved));
+                while self.places.len() > 2 && t_ns - self.places[0].0 > SPEED_OVER_NS {
+                    self.places.pop_front();
+                }
+            } else {
+                counter.miss();
             }
         }
-        self.last = Some(Last { t_ns, data, counts });
+        self.last = Some(Last {
+            t_ns,
+            data,
+            counts,
+            place,
+        });
     }
 
     fn zero(&mut self) {
-        self.counter = counter(&self.channel);
+        self.counter = self.way.as_ref().map(|way| way.counter(true, Zero::Here));
         self.places.clear();
         if let (Some(last), Some(counter)) = (&mut self.last, &mut self.counter) {
-            counter.next(last.data, last.t_ns);
-            last.counts = 0;
+            if last.counts.is_some() {
+                counter.next(last.data, last.t_ns);
+                last.counts = Some(0);
+            }
         }
     }
 
@@ -125,17 +158,27 @@ impl Show {
         (seconds > 0.0).then(|| (to - from) as f64 / seconds)
     }
 
-    fn turn(&self) -> Option<u8> {
-        let field = self.channel.find(|kind| *kind == Kind::SingleTurn)?;
-        Some(field.bits())
+    fn scale(&self) -> Option<&Scale> {
+        self.way.as_ref()?.scale.as_ref()
     }
 }
 
 impl View {
-    pub(crate) fn new(format: &Format, slaves: &[u8], interval: Nanos) -> View {
-        let channels = format.channels().iter().enumerate();
-        let channels = channels.map(|(index, channel)| Show {
-            counter: counter(channel),
+    pub(crate) fn new(
+        format: &Format,
+        slaves: &[u8],
+        interval: Nanos,
+        ways: Vec<Option<Way>>,
+    ) -> View {
+        let channels = format.channels().iter().zip(ways).enumerate();
+        let channels = channels.map(|(index, (channel, way))| Show {
+            // Without a zero of its own it counts from where it is first.
+            counter: way.as_ref().map(|way| {
+                let here = way.zero == Zero::At(0);
+                way.counter(true, if here { Zero::Here } else { way.zero })
+            }),
+            place: way.as_ref().map(|way| way.counter(false, way.zero)),
+            way,
             channel: channel.clone(),
             slave: slaves.get(index).copied(),
             last: None,
@@ -300,8 +343,8 @@ struct Look {
 }
 
 impl Look {
-    fn degree(self) -> &'static str {
-        if self.unicode { "°" } else { " deg" }
+    fn symbol(self, scale: &Scale) -> &'static str {
+        symbol(scale.unit(), if self.unicode { "°" } else { " deg" })
     }
 }
 
@@ -360,10 +403,9 @@ impl View {
                 _ => {}
             }
         }
-        if let Some(bits) = show.turn() {
-            let position = show.channel.position().map_or(0, |at| at.get(last.data));
-            let (degrees, digits) = place::degrees(position.into(), bits, false);
-            line.add(format!("{degrees:.digits$}{}  ", look.degree()), tone);
+        if let (Some(scale), Some(place)) = (show.scale(), last.place) {
+            let (value, digits) = scale.value(place, false);
+            line.add(format!("{value:.digits$}{}  ", look.symbol(scale)), tone);
         }
         match show.good {
             false => {
@@ -377,8 +419,8 @@ impl View {
             true => line.add("ok", Tone::Good),
         }
         lines.push(line);
-        if let Some(number) = Number::of(&show.channel) {
-            lines.push(Line::plain(bar(show, &number, last.data, look)));
+        if let Some(way) = &show.way {
+            lines.push(Line::plain(bar(show, &way.number, last.data, look)));
             lines.push(speed(show, last, look));
         }
         lines.push(Line::default());
@@ -472,8 +514,9 @@ impl View {
 /// Where in its range a position is.
 fn bar(show: &Show, number: &Number, data: u64, look: Look) -> String {
     let (value, most) = match show.channel.position() {
-        Some(field) if show.turn().is_some() => {
-            (field.get(data), u64::MAX >> (64 - u32::from(field.bits())))
+        Some(field) if *field.kind() == Kind::SingleTurn => {
+            let turns = number.of_one_turn();
+            (turns.get(data), turns.most())
         }
         _ => (number.get(data), number.most()),
     };
@@ -496,17 +539,23 @@ fn bar(show: &Show, number: &Number, data: u64, look: Look) -> String {
 fn speed(show: &Show, last: Last, look: Look) -> Line {
     let speed = show.speed().unwrap_or(0.0);
     let mut line = Line::plain(format!("speed {speed:+.0} counts/s"));
-    let turn = show.turn().map(|bits| (bits, 2f64.powi(bits.into())));
-    if let Some((_, counts)) = turn {
-        line.add(format!("  {:+.3} turns/s", speed / counts), Tone::Plain);
+    let scale = show.scale();
+    match scale.map(|scale| (scale, scale.turn())) {
+        Some((_, Some(turn))) => line.add(format!("  {:+.3} turns/s", speed / turn), Tone::Plain),
+        Some((scale, None)) => {
+            let rate = scale.of_counts(speed);
+            line.add(format!("  {rate:+.3}{}/s", look.symbol(scale)), Tone::Plain);
+        }
+        None => {}
     }
-    line.add(format!("   from zero {:+}", last.counts), Tone::Plain);
-    if let Some((bits, _)) = turn {
-        let (degrees, digits) = place::degrees(last.counts, bits, true);
-        line.add(
-            format!("  {degrees:+.digits$}{}", look.degree()),
-            Tone::Plain,
-        );
+    let Some(counts) = last.counts else {
+        return line;
+    };
+    line.add(format!("   from zero {counts:+}"), Tone::Plain);
+    if let Some(scale) = scale {
+        let (value, digits) = scale.value(counts, true);
+        let symbol = look.symbol(scale);
+        line.add(format!("  {value:+.digits$}{symbol}"), Tone::Plain);
     }
     line
 }
