@@ -46,6 +46,7 @@ pub mod control;
 pub mod crc;
 pub mod cycle;
 pub mod diagnose;
+pub mod detect;
 pub mod diagram;
 pub mod format;
 pub mod frame;

@@ -1,0 +1,483 @@
+//! What an unknown encoder sends, found out from its frames.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+mod common;
+
+use biss::crc::Crc;
+use biss::cycle::Head;
+use biss::detect::{Answer, Detector, Findings, Line, Listen, same_cut};
+use biss::format::{Channel, Format};
+use biss::frame::{BissC, emit};
+use biss::link::Link;
+use biss::link::sim::{self, Controller, SimBus};
+use biss::link::wave::{Options, Wave};
+use biss::master::Master;
+use biss::trace::Trace;
+use biss::unit::Hertz;
+use fastrand::Rng;
+use std::time::Instant;
+
+fn format(text: &str) -> Format {
+    text.parse().unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Frames of a link a millisecond apart, until one format is left or there are `most` of them.
+fn detect(link: &mut dyn Link, most: u64) -> Findings {
+    let mut limits = BissC::new(Format::default());
+    limits.busy_limit_ns = 80_000;
+    let listen = Listen::new(limits.clone());
+    let mut detector = Detector::new(limits);
+    let mut master = Master::new(link, &listen, Some(0));
+    master.open().unwrap();
+    let mut next = 16;
+    loop {
+        let at_ns = master.trace().t_ns + 1_000_000;
+        master.slot(at_ns, None).unwrap();
+        detector.add(master.trace());
+        listen.expect(detector.longest());
+        if detector.frames() == next || detector.frames() == most {
+            next *= 2;
+            let findings = detector.find();
+            if findings.only().is_some() || detector.frames() == most {
+                return findings;
+            }
+        }
+    }
+}
+
+fn detect_sim(config: &str, most: u64) -> Findings {
+    let mut link = sim::open(config.parse().unwrap_or_else(|e| panic!("{e}")));
+    link.set_clock(Hertz(1_000_000)).unwrap();
+    detect(&mut link, most)
+}
+
+/// What frames say that were put together one by one.
+fn detect_traces(traces: impl IntoIterator<Item = Trace>) -> Findings {
+    let mut detector = Detector::new(BissC::new(Format::default()));
+    traces.into_iter().for_each(|trace| detector.add(&trace));
+    detector.find()
+}
+
+fn trace(bits: &str) -> Trace {
+    let mut trace = Trace {
+        idle: Some(true),
+        ..Trace::default()
+    };
+    trace.bits.extend(bits.bytes().map(|bit| bit == b'1'));
+    trace
+}
+
+/// A frame, and zeros behind it.
+fn frame(format: &Format, data: &[u64]) -> Trace {
+    let head = Head {
+        delay_clk: 0,
+        ack: 1,
+        cds: false,
+    };
+    let mut trace = trace("");
+    emit(format, head, data, &mut trace.bits);
+    trace.bits.extend([false; 40]);
+    trace
+}
+
+fn place_of(findings: &Findings, right: &Format) -> Option<usize> {
+    let fits = |answer: &Answer| same_cut(&answer.format, right);
+    findings.answers.iter().position(fits)
+}
+
+const TABLE: [&str; 8] = [
+    "crc3:0xB",
+    "crc4:0x13",
+    "crc5:0x25",
+    "crc6:0x43",
+    "crc7:0x89",
+    "crc8:0x12F",
+    "crc8:0x197",
+    "crc16:0x190D9",
+];
+
+/// 50 polynomials of 3 to 16 bits. Not xⁿ+1: that repeats data bits instead of checking them, and where they stand still
+/// the frame seems to end earlier.
+fn polynomials(rng: &mut Rng) -> Vec<String> {
+    let mut all: Vec<String> = TABLE.iter().map(ToString::to_string).collect();
+    while all.len() < TABLE.len() + 50 {
+        let bits = rng.u32(3..=16);
+        let poly = 1 << bits | rng.u32(..1 << bits) | 1;
+        if poly != 1 << bits | 1 {
+            all.push(format!("crc{bits}:{poly:#x}"));
+        }
+    }
+    all
+}
+
+/// 8 to 48 data bits, nE and nW among them.
+fn channel(rng: &mut Rng, polys: &[String]) -> String {
+    let flags = if rng.bool() { ",nE,nW" } else { "" };
+    let bits = rng.u8(8..=48).max(8 + flags.len() as u8 / 3) - flags.len() as u8 / 3;
+    let turn = if bits > 16 && rng.bool() {
+        rng.u8(1..=bits - 12)
+    } else {
+        0
+    };
+    let place = match turn {
+        0 => format!("st{bits}"),
+        _ => format!("mt{turn},st{}", bits - turn),
+    };
+    let crc = rng.choice(polys).unwrap();
+    let init = match rng.u8(..8) {
+        0 => format!(":init={:#x}", rng.u32(1..8)),
+        _ => String::new(),
+    };
+    let plain = if rng.bool() { ":plain" } else { "" };
+    format!("{place}{flags},{crc}{init}{plain}")
+}
+
+/// Whether frames can have told an encoder from others: by chance each of its CRCs fits once in 2^20 at most.
+fn tellable(answer: &Answer) -> bool {
+    let bits = |crc: &Crc, rank: u32| u32::from(crc.bits()) * rank;
+    answer
+        .channels
+        .iter()
+        .all(|seen| bits(&seen.crc, seen.rank) >= 20)
+}
+
+/// nE and nW, where the lowest bits of the position move: where they stand still nobody can tell.
+fn flags_told(right: &Channel, answer: &Channel) -> bool {
+    right.has_null() == answer.has_null()
+}
+
+/// The issue's campaign: `BISS_TEST_SIZE=4200 cargo test --test detect random -- --nocapture` tries 500.
+#[test]
+fn random_encoders_are_found() {
+    let mut rng = common::rng();
+    let polys = polynomials(&mut rng);
+    let rounds = common::size(12);
+    let began = Instant::now();
+    let (mut among, mut told, mut first, mut certain, mut alone) = (0, 0, 0, 0, 0);
+    let (mut flags, mut flags_right, mut looked) = (0, 0, Vec::new());
+    for _ in 0..rounds {
+        let channels: Vec<String> = (0..rng.usize(1..=3))
+            .map(|_| channel(&mut rng, &polys))
+            .collect();
+        let frame = channels.join("+");
+        let flip = *rng.choice(&["0", "0.0001", "0.001"]).unwrap();
+        let motion = *rng
+            .choice(&["speed,rpm=60", "speed,rpm=-7", "sine"])
+            .unwrap();
+        let config = format!(
+            "device=none,seed={},motion={motion},pos={},turn={},ack={},flip={flip},frame={frame}",
+            rng.u16(..),
+            rng.u8(..),
+            rng.u8(..),
+            rng.u8(1..=40)
+        );
+        let findings = detect_sim(&config, 1_024);
+        let right = format(&frame);
+        let place = place_of(&findings, &right);
+        let found = place.map(|place| &findings.answers[place]);
+        looked.push(findings.frames);
+        among += usize::from(place.is_some());
+        let tellable = found.is_none_or(tellable);
+        told += usize::from(tellable);
+        first += usize::from(tellable && place == Some(0));
+        alone += usize::from(findings.only().is_some());
+        certain += usize::from(findings.only().is_some() && place == Some(0));
+        if place != Some(0) {
+            println!(
+                "sim:{config}\n  {place:?} of {}, tellable: {tellable}",
+                findings.answers.len()
+            );
+            for answer in findings.answers.iter().take(4) {
+                println!(
+                    "  {:.5} {} of {}: {}",
+                    answer.probability, answer.good, answer.frames, answer.format
+                );
+            }
+        }
+        // Channels with more bits than the first one end in zeros.
+        if let (Some(0), Some(answer), 1) =
+            (place, findings.answers.first(), right.channels().len())
+        {
+            flags += 1;
+            flags_right += usize::from(flags_told(
+                &right.channels()[0],
+                &answer.format.channels()[0],
+            ));
+        }
+    }
+    looked.sort_unstable();
+    println!(
+        "{rounds} encoders in {:.1?}: {among} among those reported; of {told} that frames can tell apart {first} named first; \
+         {alone} left alone, {certain} of them rightly; nE and nW right in {flags_right} of {flags} with one channel",
+        began.elapsed()
+    );
+    println!(
+        "frames used: median {}, nine of ten at most {}",
+        looked[looked.len() / 2],
+        looked[looked.len() * 9 / 10]
+    );
+    assert_eq!(
+        among, rounds,
+        "the right format is always among those reported"
+    );
+    assert!(
+        100 * first >= 99 * told || first + 1 == told && rounds < 100,
+        "{first} of {told}"
+    );
+    assert!(
+        100 * certain >= 99 * alone || certain + 1 == alone && rounds < 100,
+        "{certain} of {alone}"
+    );
+    assert!(
+        100 * flags_right >= 97 * flags || flags_right + 1 == flags,
+        "{flags_right} of {flags}"
+    );
+}
+
+/// MT 0xA5A, ST 0xFB0, nE = nW = 1 from the log of hpm_sdk's `bissc` sample (samples/drivers/sei/master/bissc): CRC-6 0x20
+/// fits 32 bits. So do other CRCs at other lengths, as the frame ends in zeros.
+#[test]
+fn a_published_word_fits_at_several_lengths() {
+    let word = frame(&format("mt12,st12,nE,nW,crc6"), &[0xA5A_FB0 << 2 | 3]);
+    let findings = detect_traces([word]);
+    assert_eq!(findings.line, Line::Biss);
+    assert!(findings.only().is_none(), "{:?}", findings.answers);
+    let lengths: Vec<u16> = findings
+        .answers
+        .iter()
+        .map(|answer| answer.format.bits())
+        .collect();
+    assert!(
+        lengths.contains(&32) && lengths.iter().any(|bits| *bits != 32),
+        "{lengths:?}"
+    );
+    let right = format("st24,nE,nW,crc6");
+    assert_eq!(
+        findings.answers[0].format, right,
+        "the usual one is likeliest"
+    );
+    let sum: f64 = findings
+        .answers
+        .iter()
+        .map(|answer| answer.probability)
+        .sum();
+    let whole = sum + findings.unlikely_probability + findings.none_probability;
+    assert!((whole - 1.0).abs() < 1e-9, "{whole}");
+    // Three more published words of the same encoder leave one.
+    let more = [
+        0xA5A_FB0u64,
+        0xA5A_FA5,
+        0xA5A_FBF,
+        0xA5A_FC7,
+        0xA5A_FA8,
+        0xA5A_FB1,
+        0xA5A_FAC,
+        0xA5A_FB4,
+    ];
+    let traces = more.map(|word| frame(&format("mt12,st12,nE,nW,crc6"), &[word << 2 | 3]));
+    let findings = detect_traces(traces);
+    assert_eq!(findings.only().map(|answer| &answer.format), Some(&right));
+}
+
+/// At one length start value and inversion make one constant.
+#[test]
+fn start_value_and_inversion_are_one_constant() {
+    let findings = detect_sim(
+        "device=none,frame=st26,nE,nW,crc6:0x43:init=0x33:plain",
+        256,
+    );
+    // protocol: 28 bits with start value 0 and inverted equal start value 0x33 and plain.
+    assert_eq!(findings.answers[0].format.to_string(), "st26,nE,nW,crc6");
+    assert!(same_cut(
+        &format("st28,crc6"),
+        &format("st26,nE,nW,crc6:0x43:init=0x33:plain")
+    ));
+    assert!(!same_cut(
+        &format("st28,crc6"),
+        &format("st28,crc6:0x43:plain")
+    ));
+    let odd = "st20,nE,nW,crc8:0x12F:init=0x5A";
+    let findings = detect_sim(&format!("device=none,frame={odd}"), 256);
+    assert_eq!(findings.answers[0].format.to_string(), odd);
+}
+
+#[test]
+fn links_that_plan_their_clocks_find_the_same() {
+    let config = "device=none,busy=1us..6us,delay=700ns,frame=mt5,st16,nE,nW,crc6+st12,nE,nW,crc5";
+    let bus = SimBus::new(config.parse().unwrap(), Controller::default());
+    let mut link = Wave::new(bus, Options::default(), Some(Hertz(1_000_000))).unwrap();
+    let findings = detect(&mut link, 256);
+    let only = findings.only().map(|answer| answer.format.to_string());
+    assert_eq!(
+        only.as_deref(),
+        Some("st21,nE,nW,crc6+st12,nE,nW,crc5"),
+        "{:?}",
+        findings.answers
+    );
+    let delay = findings.heads.delay_ns.unwrap();
+    assert!(delay.min >= 600 && delay.max <= 800, "{delay:?}");
+    let ack = findings.heads.ack.unwrap();
+    assert!(ack.max > ack.min, "{ack:?}");
+}
+
+/// Flags that change are flags all the same, and a position's lowest bits are none.
+#[test]
+fn error_and_warning_bits() {
+    for (rates, frame, want) in [
+        (
+            "error=20%,warning=20%",
+            "st18,nE,nW,crc6",
+            "st18,nE,nW,crc6",
+        ),
+        ("error=0%", "st18,E,W,crc6", "st18,E,W,crc6"),
+        ("warning=10%", "st18,E,W,crc6", "st18,E,W,crc6"),
+        ("error=0%", "st18,crc6", "st18,crc6"),
+        ("error=0%", "st18,nE,crc6", "st18,nE,crc6"),
+        ("error=0%", "st18,pad4,nE,nW,crc6", "st18,pad4,nE,nW,crc6"),
+    ] {
+        let findings = detect_sim(&format!("device=none,{rates},frame={frame}"), 512);
+        assert_eq!(
+            findings.answers[0].format.to_string(),
+            want,
+            "{rates} {:?}",
+            findings.answers
+        );
+    }
+}
+
+/// Steps that are all multiples of eight leave low bits at 0 that are no padding: what is sent must be what is read.
+#[test]
+fn even_steps_are_no_padding() {
+    let plain = format("st16,nE,nW,crc6");
+    let traces = (0..64u64).map(|step| frame(&plain, &[((step * 1_000 % 65_536) << 2) | 3]));
+    let findings = detect_traces(traces);
+    assert_eq!(findings.answers[0].format, plain, "{:?}", findings.answers);
+}
+
+#[test]
+fn a_sign_of_life_counts() {
+    let safety = "st24,nE,nW,crc6+st24,nE,nW,lc6,crc16";
+    let findings = detect_sim(&format!("device=none,frame={safety}"), 256);
+    assert_eq!(findings.answers[0].format.to_string(), safety);
+    // A position may count like one, but carries.
+    let findings = detect_sim("device=none,motion=count,frame=st24,crc16", 256);
+    assert_eq!(findings.answers[0].format.to_string(), "st24,crc16");
+}
+
+/// Where turns and position are not one seamless number.
+#[test]
+fn turns_show_where_they_can() {
+    let turning = |position: u64| 4_321 + position;
+    for (name, range, pad, want) in [
+        ("bits between", 4_096, 3, "mt6,pad3,st12,nE,nW,crc6"),
+        ("3600 counts a turn", 3_600, 0, "mt6,st12,nE,nW,crc6"),
+        ("seamless", 4_096, 0, "st18,nE,nW,crc6"),
+    ] {
+        let plain = format(&format!("data{},crc6", 20 + pad));
+        let traces = (0..200).map(|step| {
+            let counts = turning(step * 211);
+            let word = ((counts / range % 64) << (12 + pad)) | (counts % range);
+            frame(&plain, &[word << 2 | 3])
+        });
+        let findings = detect_traces(traces);
+        assert_eq!(
+            findings.answers[0].format.to_string(),
+            want,
+            "{name}: {:?}",
+            findings.answers
+        );
+    }
+}
+
+#[test]
+fn what_is_no_biss_is_told_apart() {
+    let mut rng = common::rng();
+    let zeros = "0".repeat(40);
+    // SSI: the first bit with the first clock, low while the monoflop runs, then high.
+    let ssi = (0..64u32).map(|step| {
+        trace(&format!(
+            "{:013b}{zeros}{}",
+            4_000 + step * 3,
+            "1".repeat(20)
+        ))
+    });
+    assert_eq!(detect_traces(ssi).line, Line::Ssi { bits: 13 });
+    // Its most significant bit may be 1 for a while, and look like LAT.
+    let ssi = (0..64u32).map(|step| trace(&format!("{:013b}{zeros}", (step * 211) % 8_192)));
+    assert!(matches!(
+        detect_traces(ssi).line,
+        Line::Ssi { bits: 12 | 13 }
+    ));
+    let noise: Vec<Trace> = (0..64)
+        .map(|_| {
+            let bits: String = (0..90)
+                .map(|_| if rng.bool() { '1' } else { '0' })
+                .collect();
+            Trace {
+                idle: Some(rng.bool()),
+                ..trace(&bits)
+            }
+        })
+        .collect();
+    let findings = detect_traces(noise);
+    assert_eq!(findings.line, Line::Noise);
+    assert!(findings.only().is_none());
+    let low = Trace {
+        idle: Some(false),
+        ..trace(&zeros)
+    };
+    assert_eq!(detect_traces([low.clone(), low]).line, Line::StuckLow);
+    assert_eq!(
+        detect_traces([trace(&"1".repeat(60))]).line,
+        Line::StuckHigh
+    );
+    assert_eq!(
+        detect_traces([trace(&format!("1{}", "0".repeat(60)))]).line,
+        Line::NoStart
+    );
+    assert_eq!(detect_traces([]).line, Line::Unseen);
+}
+
+/// Random bits behind a good head have no CRC: nothing may be made of them.
+#[test]
+fn random_words_fit_nothing() {
+    let mut rng = common::rng();
+    for _ in 0..common::size(10) {
+        let bits = rng.u8(20..=60);
+        let plain = format(&format!("data{bits}"));
+        let words: Vec<u64> = (0..64).map(|_| common::word(&mut rng, bits)).collect();
+        let findings = detect_traces(words.iter().map(|word| frame(&plain, &[*word])));
+        assert!(
+            findings.only().is_none(),
+            "{bits} bits: {:?}",
+            findings.answers
+        );
+        assert!(
+            findings.none_probability > 0.99,
+            "{bits} bits: {:?}",
+            findings.answers
+        );
+    }
+}
+
+/// Frames as long as they can be, with bits of any share of ones, alike or not.
+#[test]
+fn nonsense_ends_soon() {
+    let mut rng = common::rng();
+    for _ in 0..common::size(4) {
+        let (share, frames) = (rng.u8(1..=7), rng.usize(1..=4));
+        let began = Instant::now();
+        let random = |rng: &mut Rng| -> String {
+            let bits = (0..2_040).map(|_| if rng.u8(..8) < share { '1' } else { '0' });
+            format!("101{}", bits.collect::<String>())
+        };
+        let traces: Vec<Trace> = (0..frames).map(|_| trace(&random(&mut rng))).collect();
+        let findings = detect_traces(traces);
+        assert!(findings.only().is_none());
+        let took = began.elapsed();
+        assert!(
+            took.as_secs() < 20,
+            "{share} of 8, {frames} frames: {took:?}"
+        );
+    }
+}
