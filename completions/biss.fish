@@ -30,6 +30,7 @@ complete -c biss -n "__fish_biss_needs_command" -f -a "list" -d 'What this machi
 complete -c biss -n "__fish_biss_needs_command" -f -a "read" -d 'Read frames and print them, one record a line'
 complete -c biss -n "__fish_biss_needs_command" -f -a "stats" -d 'Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise'
 complete -c biss -n "__fish_biss_needs_command" -f -a "watch" -d 'A live view for the bench: position, angle, speed, rate, jitter, faults'
+complete -c biss -n "__fish_biss_needs_command" -f -a "detect" -d 'What an unknown encoder sends: frame format, CRC, Ack, timeout, usable clock'
 complete -c biss -n "__fish_biss_needs_command" -f -a "scope" -d 'Draw cycles as a data sheet does: both wires, and what each bit of them is'
 complete -c biss -n "__fish_biss_needs_command" -f -a "capture" -d 'Record MA and SLO: VCD, sigrok session or CSV'
 complete -c biss -n "__fish_biss_needs_command" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
@@ -152,6 +153,21 @@ complete -c biss -n "__fish_biss_using_subcommand watch" -s q -l quiet -d 'No su
 complete -c biss -n "__fish_biss_using_subcommand watch" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
 complete -c biss -n "__fish_biss_using_subcommand watch" -l ascii -d 'Lines of - and # even where the locale knows better ones'
 complete -c biss -n "__fish_biss_using_subcommand watch" -s h -l help -d 'Print help (see more with \'--help\')'
+complete -c biss -n "__fish_biss_using_subcommand detect" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l busy-limit -d 'How long the start bit is searched, eight clocks at least' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l rt -d 'Real-time priority (SCHED_FIFO), memory locked' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l cpu -d 'Run on this processor only' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
+complete -c biss -n "__fish_biss_using_subcommand detect" -s n -l count -d 'Most frames to look at; fewer where they are certain [default: 1000, all of a recording]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l wait -d 'How long to wait for motion where a position that stands still leaves several formats [default: 10s, 0s with -n or on sim]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
+json\t'JSON Lines'"
+complete -c biss -n "__fish_biss_using_subcommand detect" -s q -l quiet -d 'No summary and no notes on stderr'
+complete -c biss -n "__fish_biss_using_subcommand detect" -s v -l verbose -d 'Say how the link runs, and what it took; where records are printed, add the bits'
+complete -c biss -n "__fish_biss_using_subcommand detect" -l no-write -d 'Do not even select a bank to ask for the EDS'
+complete -c biss -n "__fish_biss_using_subcommand detect" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c biss -n "__fish_biss_using_subcommand scope" -s c -l clock -d 'Frequency of MA [default: 1MHz, on gpio 250kHz or the fastest it does]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l timeout -d 'The slave\'s timeout: MIN bounds an MA level, MAX how long CDM is held and SL = 1 awaited [default: 12us..40us]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand scope" -l ack-limit -d 'How long Ack is searched, eight clocks at least' -r -f
@@ -379,17 +395,18 @@ complete -c biss -n "__fish_biss_using_subcommand loopback" -l rt -d 'Real-time 
 complete -c biss -n "__fish_biss_using_subcommand loopback" -l cpu -d 'Run on this processor only' -r -f
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s q -l quiet -d 'No summary on stderr'
 complete -c biss -n "__fish_biss_using_subcommand loopback" -s h -l help -d 'Print help (see more with \'--help\')'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "stats" -d 'Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "watch" -d 'A live view for the bench: position, angle, speed, rate, jitter, faults'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "scope" -d 'Draw cycles as a data sheet does: both wires, and what each bit of them is'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "capture" -d 'Record MA and SLO: VCD, sigrok session or CSV'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "command" -d 'Tell slaves to do something'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "info" -d 'Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
-complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch scope capture reg command info loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "list" -d 'What this machine offers, what is missing, and what helps'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "read" -d 'Read frames and print them, one record a line'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "stats" -d 'Many frames in a few numbers: rate, jitter, line delay, margins, faults, noise'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "watch" -d 'A live view for the bench: position, angle, speed, rate, jitter, faults'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "detect" -d 'What an unknown encoder sends: frame format, CRC, Ack, timeout, usable clock'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "scope" -d 'Draw cycles as a data sheet does: both wires, and what each bit of them is'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "capture" -d 'Record MA and SLO: VCD, sigrok session or CSV'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "reg" -d 'Registers of the slaves: read, write, dump, save, load'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "command" -d 'Tell slaves to do something'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "info" -d 'Who is on the line: IDs, serial numbers, EDS, profiles, and the frame that follows'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "loopback" -d 'The master against a slave of its own: in process, or over jumpered pins'
+complete -c biss -n "__fish_biss_using_subcommand help; and not __fish_seen_subcommand_from list read stats watch detect scope capture reg command info loopback help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "read" -d 'Read registers, one record each'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "write" -d 'Write registers in this order, and read them back: one record each with the old and the new value'
 complete -c biss -n "__fish_biss_using_subcommand help; and __fish_seen_subcommand_from reg" -f -a "dump" -d 'All registers as a table: hexadecimal and ASCII, -- is refused, XX could not be read'
@@ -410,6 +427,13 @@ file:\t'recording: sigrok session, VCD, CSV'
 exec:\t'a slave in another process, such as an HDL simulator'
 NAME\t'an encoder of the configuration'"
 complete -c biss -n "__fish_biss_using_subcommand watch" -a "gpio:\t'two GPIO lines'
+spi:\t'spidev: SCLK is MA, MISO is SLO'
+wave:\t'spidev: MOSI is MA, MISO is SLO'
+sim\t'simulated encoder'
+file:\t'recording: sigrok session, VCD, CSV'
+exec:\t'a slave in another process, such as an HDL simulator'
+NAME\t'an encoder of the configuration'"
+complete -c biss -n "__fish_biss_using_subcommand detect" -a "gpio:\t'two GPIO lines'
 spi:\t'spidev: SCLK is MA, MISO is SLO'
 wave:\t'spidev: MOSI is MA, MISO is SLO'
 sim\t'simulated encoder'

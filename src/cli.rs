@@ -20,6 +20,7 @@ pub(crate) enum Command {
     Read(Box<Read>),
     Stats(Box<Stats>),
     Watch(Box<Watch>),
+    Detect(Box<Detect>),
     Scope(Box<Scope>),
     Capture(Box<Capture>),
     Reg(Box<Reg>),
@@ -40,7 +41,7 @@ struct Verb {
     parse: fn(&ArgMatches) -> Result<Command, clap::Error>,
 }
 
-const VERBS: [Verb; 10] = [
+const VERBS: [Verb; 11] = [
     Verb {
         name: "read",
         about: "Read frames and print them, one record a line",
@@ -64,6 +65,14 @@ const VERBS: [Verb; 10] = [
         after_help: watch::WATCH_HELP,
         takes: takes::<Watch>,
         parse: |typed| parse(typed, Command::Watch),
+    },
+    Verb {
+        name: "detect",
+        about: "What an unknown encoder sends: frame format, CRC, Ack, timeout, usable clock",
+        before_help: "",
+        after_help: detect::DETECT_HELP,
+        takes: takes::<Detect>,
+        parse: |typed| parse(typed, Command::Detect),
     },
     Verb {
         name: "scope",
@@ -252,6 +261,7 @@ Examples:
   biss read gpio:0,ma=17,slo=27 -f st26,nE,nW,crc6 -n 0 -i 1ms  two GPIO lines, every millisecond
   biss read file:bench.vcd -f st32,nE,nW,crc6 -o json          a recording
   biss stats sim                                               rate, jitter, margins, noise
+  biss detect sim:device=none                                  what an unknown encoder sends
   biss list                                                    what this machine has for an encoder
   biss loopback                                                the program against itself";
 
@@ -619,11 +629,13 @@ pub(crate) struct Stubborn {
 /// Longest static timeout (D2 Table 10).
 pub(crate) const TIMEOUT_MAX: Nanos = Nanos(biss::limits::TIMEOUT_MAX_NS);
 
+mod detect;
 mod reg;
 mod scope;
 mod stats;
 mod watch;
 mod wire;
+pub(crate) use detect::{DETECT_FRAMES, Detect};
 pub(crate) use reg::{Assign, Reg, RegVerb, Send, Span};
 pub(crate) use scope::Scope;
 pub(crate) use stats::{STATS_FRAMES, Stats};

@@ -7,6 +7,7 @@ mod beside;
 pub(crate) mod capture;
 pub(crate) mod command;
 mod counting;
+pub(crate) mod detect;
 pub(crate) mod info;
 mod line;
 pub(crate) mod list;

@@ -1,6 +1,7 @@
 //! Records on stdout, everything else on stderr. The only place that prints.
 
 mod columns;
+pub(crate) mod detect;
 pub(crate) mod heard;
 pub(crate) mod info;
 mod json;

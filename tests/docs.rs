@@ -554,6 +554,18 @@ fn every_failure_of_an_access_is_explained() {
     }
 }
 
+/// Those of objects within objects too.
+fn every_key(value: &Value, keys: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(object) => object.iter().for_each(|(key, value)| {
+            keys.insert(key.clone());
+            every_key(value, keys);
+        }),
+        Value::Array(all) => all.iter().for_each(|value| every_key(value, keys)),
+        _ => {}
+    }
+}
+
 #[test]
 fn every_key_of_a_record_is_explained() {
     let text = page("docs/output.md");
@@ -590,6 +602,16 @@ fn every_key_of_a_record_is_explained() {
             let record: Map<String, Value> = serde_json::from_str(line).unwrap();
             keys.extend(record.into_iter().map(|(key, _)| key));
         }
+    }
+    for args in [
+        "detect sim -o json",
+        "detect sim:device=none,motion=still -n 8 -o json",
+        "detect file:tests/recordings/bench.vcd -o json",
+    ] {
+        let output = run(&format!("biss {args}"), 0).output;
+        let object = output.lines().find(|line| line.starts_with('{')).unwrap();
+        let record: Value = serde_json::from_str(object).unwrap();
+        every_key(&record, &mut keys);
     }
     let statistics = page("docs/stats.md");
     for args in [
@@ -750,7 +772,7 @@ fn the_checks_refuse() {
         ("biss list -v -o json", true),
         ("biss list spi:0.0", false),
         ("biss list -f st26", false),
-        ("biss detect spi:0.0", false),
+        ("biss guess spi:0.0", false),
         ("biss --quiet", false),
         ("biss", false),
     ] {

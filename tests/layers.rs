@@ -167,6 +167,7 @@ const JOINTS: &[&str] = &[
 ];
 const BINARY: &[&str] = &[
     "cli.rs",
+    "cli/detect.rs",
     "cli/generated.rs",
     "cli/reg.rs",
     "cli/scope.rs",
@@ -181,6 +182,7 @@ const BINARY: &[&str] = &[
     "cmd/capture.rs",
     "cmd/command.rs",
     "cmd/counting.rs",
+    "cmd/detect.rs",
     "cmd/info.rs",
     "cmd/line.rs",
     "cmd/list.rs",
@@ -200,6 +202,7 @@ const BINARY: &[&str] = &[
     "named.rs",
     "output.rs",
     "output/columns.rs",
+    "output/detect.rs",
     "output/heard.rs",
     "output/info.rs",
     "output/json.rs",

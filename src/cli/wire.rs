@@ -210,7 +210,11 @@ pub(super) fn complete(command: &mut Command, matches: &ArgMatches) -> Result<()
                 loopback.link = Some(Target::Link(Box::new(link)));
             }
         }
-        Command::Reg(_) | Command::Send(_) | Command::Info(_) | Command::List(_) => {}
+        Command::Detect(_)
+        | Command::Reg(_)
+        | Command::Send(_)
+        | Command::Info(_)
+        | Command::List(_) => {}
     }
     Ok(())
 }

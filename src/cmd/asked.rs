@@ -32,7 +32,8 @@ pub(super) fn choose_frame(frame: Option<&Wanted>, link: &Spec, given: bool) -> 
 /// What to do about that.
 pub(super) const NO_FRAME: &str = "no frame format: say what the encoder sends, such as -f st26,nE,nW,crc6\n  \
     its data sheet names position bits, error and warning bit and CRC; `biss read --help` lists the fields,\n  \
-    -f resolute-26 or another preset saves the trouble, and an encoder with registers may say it itself: -f auto";
+    -f resolute-26 or another preset saves the trouble, and an encoder with registers may say it itself: -f auto;\n  \
+    `biss detect` finds it out from the frames themselves";
 
 /// What has no meaning on a recording is a mistake, not something to be ignored.
 pub(super) fn check(wire: &cli::Wire, polling: &cli::Polling) -> Result<()> {
