@@ -561,3 +561,19 @@ fn every_cause_is_explained() {
         assert!(text.contains(&row), "docs/faults.md has no {row}");
     }
 }
+
+/// Frames behind which only zeros stand pass for longer ones, whatever constant their CRC is wrong by.
+#[test]
+fn a_crc_that_is_wrong_by_a_constant_is_no_other_width() {
+    for init in 1..64 {
+        let config = format!("motion=count,pos=100,frame=st26,nE,nW,crc6:0x43:init={init}");
+        let found = Run::of("st26,nE,nW,crc6", 40).over_sim(&config, 1_000_000);
+        let width = |one: &Diagnosis| match &one.remedy {
+            Remedy::Options(options) => options
+                .iter()
+                .any(|(name, value)| *name == "--frame" && !value.starts_with("st26,")),
+            _ => false,
+        };
+        assert!(!found.iter().any(width), "{init}: {found:?}");
+    }
+}

@@ -105,14 +105,21 @@ impl Samples {
     fn say(&self, format: &Format, candidate: &Candidate) -> u32 {
         let most = self.kept.len() / 10;
         let (mut misfits, mut spans) = (0, <[Span; MAX_CHANNELS]>::default());
+        // What ends in nothing but zeros may end in the stop bit and the clocks behind it: any CRC that is wrong by a constant
+        // passes for some longer word.
+        let mut ends = !candidate.is_longer(format);
         for sample in &self.kept {
             match candidate.read(format, sample, &mut spans) {
-                Read::Cut | Read::Fits => {}
+                Read::Cut => {}
+                Read::Fits { last } => ends |= last,
                 Read::Misfit => misfits += 1,
             }
             if misfits > most {
                 return 0;
             }
+        }
+        if !ends {
+            return 0;
         }
         spans.iter().map(Span::says).sum()
     }
@@ -186,7 +193,17 @@ impl Candidate {
                 spans[index].add(words[index], crc.bits());
             }
         }
-        Read::Fits
+        Read::Fits {
+            last: bits.get(at - 1) == Some(true),
+        }
+    }
+
+    /// Whether its frames have more bits than was said.
+    fn is_longer(&self, format: &Format) -> bool {
+        let bits = |data: u8, crc: u8| u32::from(data) + u32::from(crc);
+        format.channels().get(self.channel).is_some_and(|channel| {
+            bits(self.data_bits, self.crc.bits()) > bits(channel.data_bits(), channel.crc_bits())
+        })
     }
 
     fn of<'a>(&'a self, index: usize, channel: &'a Channel) -> (u8, Option<&'a Crc>) {
@@ -198,7 +215,10 @@ impl Candidate {
 }
 
 enum Read {
-    Fits,
+    Fits {
+        /// The last bit of the frame.
+        last: bool,
+    },
     Misfit,
     /// Too few clocks to tell.
     Cut,
