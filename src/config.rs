@@ -1,6 +1,6 @@
 //! Encoders by name, as a file has them: `[encoder.spindle]` with its link, frame, clock, and how its position is counted.
 //!
-//! Texts come in and go out here; who reads files is elsewhere, but for [`save`].
+//! Texts come in and go out here; who reads files is elsewhere, but for [`save()`].
 
 mod save;
 

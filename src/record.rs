@@ -108,9 +108,9 @@ const RATES_MHZ: [u32; 26] = [
 /// Samples a clock, at least, where nobody says how many.
 pub const SAMPLES: u32 = 16;
 
-/// Samples a clock, at least, that a reader needs. With two or three it took a bit for the next one, and now and then the CRC
-/// was good.
-pub const LEAST_SAMPLES: u32 = 4;
+/// Samples a clock, at least, that a reader needs. With less, and SLO edges up to a quarter of a clock off, it took a bit for
+/// the next one, and now and then the CRC was good.
+pub const LEAST_SAMPLES: u32 = 8;
 
 /// The smallest usual rate at which a clock has enough samples, one on which its edges fall if there is one within four
 /// times that.

@@ -389,16 +389,16 @@ fn too_few_samples_are_refused() {
     let (_, err, code) = run(&format!("{sim} -w {vcd}"));
     assert_eq!(code, Some(0), "{err}");
     for from in [sim.clone(), format!("capture file:{vcd} -f {format}")] {
-        for rate in ["1MHz", "1.9MHz", "3.9MHz"] {
+        for rate in ["1MHz", "3.9MHz", "7.9MHz"] {
             let (out, err, code) = run(&format!("{from} --sample-rate {rate} -w {sr}"));
             assert_eq!((out.as_str(), code), ("", Some(2)), "{from} {rate}: {err}");
             assert!(
-                err.contains("ask for 4MHz at least; 16MHz is usual"),
+                err.contains("ask for 8MHz at least; 16MHz is usual"),
                 "{err}"
             );
             assert!(!PathBuf::from(&sr).exists(), "{from} {rate}");
         }
-        let (_, err, code) = run(&format!("{from} --sample-rate 4MHz -w {sr}"));
+        let (_, err, code) = run(&format!("{from} --sample-rate 8MHz -w {sr}"));
         assert_eq!(code, Some(0), "{err}");
         let (out, err, code) = run(&format!("read file:{sr} -f {format}"));
         assert_eq!((out.lines().count(), code), (3, Some(0)), "{from}: {err}");

@@ -428,8 +428,8 @@ impl Sink {
         match self.rate {
             // The clock was measured.
             Some(rate) if rate.0 < least.0 - least.0 / 1_000 => bail!(
-                "--sample-rate {rate} is less than {} samples a clock at {clock}: a reader would take one bit for another
-                   ask for {least} at least; {} is usual",
+                "--sample-rate {rate} is less than {} samples a clock at {clock}: a reader would take one bit for another\n  \
+                 ask for {least} at least; {} is usual",
                 record::LEAST_SAMPLES,
                 record::usual_rate(clock)
             ),
