@@ -117,7 +117,10 @@ fn capture(slave: &str, protocol: &BissC, pauses: usize, rng: &mut Rng) -> Captu
     *on.borrow_mut() = true;
     let rate = match rng.bool() {
         true => usual_rate(master.link().clock().hz),
-        false => Hertz(master.link().clock().hz.0 * 4 + rng.u32(..1_000_000)),
+        false => {
+            let least = master.link().clock().hz.0 * (record::LEAST_SAMPLES + 1);
+            Hertz(least + rng.u32(..1_000_000))
+        }
     };
     journals.borrow_mut()[1].sampled(rate);
     master.pause(200_000).unwrap();
