@@ -498,8 +498,11 @@ fn no_guess() {
         let asked = if fault == "error=0" { asked } else { sent };
         let config = format!("{},{fault},frame={sent}", around(&mut rng, hz));
         let found = Run::of(asked, rng.usize(1..100)).over_sim(&config, hz);
-        // That it stands still is no guess.
-        let guess = found.iter().find(|one| one.cause != Cause::Unmoved);
+        // That it stands still is no guess, and ten Acks in a row may be lost by chance.
+        let guess = found.iter().find(|one| {
+            let by_chance = fault.starts_with("no-ack") && one.cause == Cause::Lost;
+            one.cause != Cause::Unmoved && !by_chance
+        });
         assert_eq!(guess, None, "{config} at {hz} Hz as {asked}");
     }
 }
