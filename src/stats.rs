@@ -5,7 +5,7 @@
 
 use crate::cycle::Cycle;
 use crate::format::{Format, MAX_CHANNELS};
-use crate::place::Number;
+use crate::place::{Count, Counter, Number, Zero};
 use crate::trace::Trace;
 use hdrhistogram::Histogram;
 
@@ -55,8 +55,7 @@ pub struct Bin {
 
 impl Default for Distribution {
     fn default() -> Distribution {
-        // What cannot fail: three digits are among those that there are.
-        let counts = Histogram::new(4).expect("four digits");
+        let counts = Histogram::new(4).expect("one to five digits");
         Distribution {
             counts,
             least: u64::MAX,
@@ -144,8 +143,11 @@ impl Distribution {
 /// How one channel's position behaved. Counts are turns and position as one number, the shorter way round from frame to frame.
 #[derive(Clone, Debug)]
 pub struct Motion {
-    number: Number,
+    counter: Counter,
+    /// The last two good frames; the first one only where nothing bad was between them.
     last: [Option<Sample>; 2],
+    /// A frame that is no good one came behind them.
+    missed: bool,
     /// Where the first good frame was; places count from there.
     first: Option<Sample>,
     least: i128,
@@ -160,7 +162,6 @@ pub struct Motion {
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     t_ns: u64,
-    number: u64,
     place: i128,
 }
 
@@ -177,9 +178,15 @@ pub struct Speed {
 
 impl Motion {
     fn of(number: Number) -> Motion {
+        let count = Count {
+            unwrap: true,
+            zero: Zero::Here,
+            reverse: false,
+        };
         Motion {
-            number,
+            counter: Counter::of(number, count),
             last: [None; 2],
+            missed: false,
             first: None,
             least: 0,
             most: 0,
@@ -191,20 +198,16 @@ impl Motion {
     }
 
     fn next(&mut self, t_ns: u64, data: u64) {
-        if !self.number.is_within(data) {
+        if !self.counter.number().is_within(data) {
             return self.miss();
         }
-        let number = self.number.get(data);
-        let place = self.last[1].map_or(0, |last| last.place + self.step(last.number, number));
-        let sample = Sample {
-            t_ns,
-            number,
-            place,
-        };
+        let (place, _) = self.counter.next(data, t_ns);
+        let sample = Sample { t_ns, place };
         self.first.get_or_insert(sample);
         self.least = self.least.min(place);
         self.most = self.most.max(place);
-        if let [Some(before), Some(middle)] = self.last {
+        let [before, middle] = self.last.map(|last| last.filter(|_| !self.missed));
+        if let (Some(before), Some(middle)) = (before, middle) {
             self.off_the_line(before, middle, sample);
         }
         let window = self.window.get_or_insert(sample);
@@ -214,18 +217,13 @@ impl Motion {
             self.speed = Some((least.min(speed), most.max(speed)));
             self.window = Some(sample);
         }
-        self.last = [self.last[1], Some(sample)];
+        (self.last, self.missed) = ([middle, Some(sample)], false);
     }
 
-    /// Frames are missing: what comes next is no neighbour of what was before, and which way it went is a guess.
+    /// Frames are missing: what comes next is no neighbour of what was before.
     fn miss(&mut self) {
-        self.last[0] = None;
-    }
-
-    fn step(&self, from: u64, to: u64) -> i128 {
-        let range = self.number.range() as i128;
-        let up = (i128::from(to) - i128::from(from)).rem_euclid(range);
-        if up > range / 2 { up - range } else { up }
+        self.counter.miss();
+        self.missed = true;
     }
 
     /// A line through three frames takes out any steady speed, whatever the times between them.

@@ -162,6 +162,16 @@ fn bad_frames_and_gaps_measure_nothing() {
     feed.stats.gap();
     feed.frame(10_000_000_000, 1, None);
     assert_eq!(feed.stats.period_ns.spread().unwrap().max, 1_000_000);
+    // Neighbours on both sides of a gap are no three in a row.
+    let mut feed = Feed::new("st24,crc6");
+    for (slot, counts) in [0, 1, 2, 0, 9_000, 9_001, 9_002].into_iter().enumerate() {
+        match slot {
+            3 => feed.fault(3_000_000),
+            _ => feed.frame(slot as u64 * 1_000_000, counts, None),
+        }
+    }
+    let motion = feed.stats.motions[0].as_ref().unwrap();
+    assert_eq!(motion.noise(), Some(0.0));
     // An encoder that says itself that it is wrong says nothing about how it moves.
     let mut feed = Feed::new("st8,nE,crc6");
     for slot in 0..10 {
