@@ -307,15 +307,8 @@ pub(crate) struct Read {
     #[command(flatten)]
     pub(crate) wire: Wire,
 
-    /// Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves' registers say
-    #[arg(
-        short,
-        long,
-        value_name = "FORMAT|PRESET|auto",
-        env = FRAME_VARIABLE,
-        hide_env_values = true
-    )]
-    pub(crate) frame: Option<Wanted>,
+    #[command(flatten)]
+    pub(crate) framed: Framed,
 
     #[command(flatten)]
     pub(crate) polling: Polling,
@@ -363,6 +356,20 @@ pub(crate) struct Read {
     /// Colours in text output
     #[arg(long, value_enum, default_value_t = ColorWhen::Auto)]
     pub(crate) color: ColorWhen,
+}
+
+/// What the encoder sends, for all commands that show it.
+#[derive(Debug, Default, Args)]
+pub(crate) struct Framed {
+    /// Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves' registers say
+    #[arg(
+        short,
+        long,
+        value_name = "FORMAT|PRESET|auto",
+        env = FRAME_VARIABLE,
+        hide_env_values = true
+    )]
+    pub(crate) frame: Option<Wanted>,
 }
 
 /// Frame after frame, for all commands that take many.

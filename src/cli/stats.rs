@@ -1,6 +1,6 @@
 //! `biss stats` as clap sees it.
 
-use super::{FRAME_VARIABLE, Measure, Polling, ReportFormat, Wanted, Wire};
+use super::{Framed, Measure, Polling, ReportFormat, Wire};
 use clap::Args;
 
 pub(super) const STATS_HELP: &str = concat!(
@@ -38,15 +38,8 @@ pub(crate) struct Stats {
     #[command(flatten)]
     pub(crate) wire: Wire,
 
-    /// Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves' registers say
-    #[arg(
-        short,
-        long,
-        value_name = "FORMAT|PRESET|auto",
-        env = FRAME_VARIABLE,
-        hide_env_values = true
-    )]
-    pub(crate) frame: Option<Wanted>,
+    #[command(flatten)]
+    pub(crate) framed: Framed,
 
     #[command(flatten)]
     pub(crate) polling: Polling,

@@ -1,6 +1,6 @@
 //! `biss watch` as clap sees it.
 
-use super::{ColorWhen, FRAME_VARIABLE, Measure, Polling, Wanted, Wire};
+use super::{ColorWhen, Framed, Measure, Polling, Wire};
 use clap::Args;
 
 pub(super) const WATCH_HELP: &str = concat!(
@@ -36,15 +36,8 @@ pub(crate) struct Watch {
     #[command(flatten)]
     pub(crate) wire: Wire,
 
-    /// Frame format, such as mt12,st20,nE,nW,crc6, the name of a preset, or auto: what the slaves' registers say
-    #[arg(
-        short,
-        long,
-        value_name = "FORMAT|PRESET|auto",
-        env = FRAME_VARIABLE,
-        hide_env_values = true
-    )]
-    pub(crate) frame: Option<Wanted>,
+    #[command(flatten)]
+    pub(crate) framed: Framed,
 
     #[command(flatten)]
     pub(crate) polling: Polling,

@@ -186,18 +186,18 @@ fn look_up(
 pub(super) fn complete(command: &mut Command, matches: &ArgMatches) -> Result<(), Error> {
     match command {
         Command::Read(read) => {
-            want(&mut read.frame, &read.wire, matches);
+            want(&mut read.framed.frame, &read.wire, matches);
             pace(&mut read.polling, &read.wire);
             read.measure.complete(&read.wire);
             count(read);
         }
         Command::Stats(stats) => {
-            want(&mut stats.frame, &stats.wire, matches);
+            want(&mut stats.framed.frame, &stats.wire, matches);
             stats.measure.complete(&stats.wire);
             pace(&mut stats.polling, &stats.wire);
         }
         Command::Watch(watch) => {
-            want(&mut watch.frame, &watch.wire, matches);
+            want(&mut watch.framed.frame, &watch.wire, matches);
             watch.measure.complete(&watch.wire);
             pace(&mut watch.polling, &watch.wire);
         }

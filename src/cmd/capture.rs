@@ -144,7 +144,7 @@ fn as_read(args: cli::Capture, known: bool) -> cli::Read {
     let measure = named.map_or_else(cli::Measure::default, cli::Measure::of);
     cli::Read {
         wire: args.wire,
-        frame: None,
+        framed: cli::Framed::default(),
         polling: args.polling,
         format: args.format.unwrap_or(cli::OutputFormat::Text),
         fields: None,

@@ -3,14 +3,13 @@
 use super::asked::live_only;
 use super::auto::Found;
 use super::line::{self, Line};
-use super::poll::{Opened, recorded};
+use super::poll::open_as;
 use super::session::{Session, can_send};
-use super::{Ended, Outcome, deliver, schedule};
+use super::{Ended, Outcome, deliver};
 use crate::cli::{self, DETECT_FRAMES};
 use crate::output::detect::{Limited, Measured, PhaseTrial, Report, Told};
 use crate::output::note;
-use crate::sys::Signals;
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use biss::control::RETRIES;
 use biss::cycle::Fault;
 use biss::detect::{self, Detector, Findings, Listen, Range};
@@ -59,7 +58,7 @@ pub(crate) fn run(args: cli::Detect, typed: &str) -> Result<Ended> {
         }
         session.into_parts()
     } else {
-        match open(&args)? {
+        match open_as(wire, None, || {})? {
             Ok(opened) => opened,
             Err(ended) => return Ok(ended),
         }
@@ -99,21 +98,6 @@ pub(crate) fn run(args: cli::Detect, typed: &str) -> Result<Ended> {
         outcome,
         signal: signals.caught(),
     })
-}
-
-fn open(args: &cli::Detect) -> Result<Result<Opened, Ended>> {
-    schedule(args.wire.cpu, args.wire.rt)?;
-    let signals = Signals::catch().map_err(|e| {
-        anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
-    })?;
-    match Line::of(&args.wire, None).open(&signals, || {}) {
-        // The input ended for the signal: it is not what the error takes it for.
-        Err(_) if recorded(&args.wire) && signals.caught().is_some() => Ok(Err(Ended {
-            outcome: Outcome::Bad,
-            signal: signals.caught(),
-        })),
-        opened => Ok(Ok((opened?, signals))),
-    }
 }
 
 /// What the registers say, where frames have passed it.

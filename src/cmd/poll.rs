@@ -1,12 +1,13 @@
 //! Frame after frame, back to back or one a slot, whoever looks at them: opening, pacing, counting, and how it ends.
 
-use super::asked::{fill_in, slower, warn_outside};
+use super::asked::{NO_FRAME, check, choose_frame, fill_in, slower, warn_outside};
+use super::auto::{self, Answer};
 use super::line::{self, Line};
 use super::{Ended, Outcome, schedule};
-use crate::cli;
+use crate::cli::{self, Wanted};
 use crate::output::{Summary, note};
 use crate::sys::Signals;
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use biss::diagnose::Evidence;
 use biss::frame::{BissC, Stall};
 use biss::link::{Kind, Link};
@@ -107,11 +108,23 @@ pub(super) fn open(
         warn_outside(wire, interval, preset);
         fill_in(wire, preset);
     }
+    open_as(wire, Some(frame), flush)
+}
+
+/// The same with nothing filled in. A simulated slave may send `frame`.
+///
+/// # Errors
+/// As [`open`].
+pub(super) fn open_as(
+    wire: &cli::Wire,
+    frame: Option<&Frame>,
+    flush: impl Fn() + 'static,
+) -> Result<Result<Opened, Ended>> {
     schedule(wire.cpu, wire.rt)?;
     let signals = Signals::catch().map_err(|e| {
         anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
     })?;
-    match Line::of(wire, Some(frame)).open(&signals, flush) {
+    match Line::of(wire, frame).open(&signals, flush) {
         // The input ended for the signal: it is not what the error takes it for.
         Err(_) if recorded(wire) && signals.caught().is_some() => Ok(Err(Ended {
             outcome: Outcome::Bad,
@@ -121,31 +134,92 @@ pub(super) fn open(
     }
 }
 
+/// An open line, and what comes over it: as it was written down, or as the slaves say themselves.
+///
+/// # Errors
+/// As [`open`], and when nobody says what the encoder sends.
+pub(super) fn start(
+    wire: &mut cli::Wire,
+    polling: &cli::Polling,
+    frame: Option<&Wanted>,
+    frame_given: bool,
+) -> Result<Result<Answer, Ended>> {
+    let Some(wanted) = choose_frame(frame, &wire.link, frame_given) else {
+        bail!(NO_FRAME);
+    };
+    check(wire, polling)?;
+    let frame = match wanted {
+        Wanted::Given(frame) => frame,
+        Wanted::Auto => return auto::ask_frame(wire),
+    };
+    let opened = open(wire, polling.interval, &frame, || {})?;
+    Ok(opened.map(|(link, signals)| Answer {
+        frame,
+        slaves: Vec::new(),
+        link,
+        signals,
+    }))
+}
+
 /// From opening a link to the first slot of an interval.
 const FIRST_SLOT_NS: u64 = 200_000;
 
 /// What is polled, and what it came to.
 pub(super) struct Poll<'a> {
     pub(super) wire: &'a cli::Wire,
-    pub(super) polling: &'a cli::Polling,
+    polling: &'a cli::Polling,
     pub(super) preset: Option<&'static Preset>,
     pub(super) protocol: &'a BissC,
     pub(super) signals: Signals,
-    /// Frames where the user has not said how many; 0 for no end.
-    pub(super) usual: u64,
+    usual: u64,
     pub(super) summary: Summary,
     /// Why frames are bad, once the line is open.
     pub(super) evidence: Option<Evidence>,
 }
 
-impl Poll<'_> {
+impl<'a> Poll<'a> {
+    /// Nothing has been read yet. `usual` frames are, where the user has not said how many; 0 for no end.
+    pub(super) fn new(
+        (wire, polling): (&'a cli::Wire, &'a cli::Polling),
+        preset: Option<&'static Preset>,
+        protocol: &'a BissC,
+        signals: Signals,
+        usual: u64,
+    ) -> Poll<'a> {
+        Poll {
+            wire,
+            polling,
+            preset,
+            protocol,
+            signals,
+            usual,
+            summary: Summary::default(),
+            evidence: None,
+        }
+    }
+
+    /// Who reads them, until `stop` says that it is time to end.
+    pub(super) fn master<'m>(
+        &self,
+        link: &'m mut dyn Link,
+        stop: &'m dyn Fn() -> bool,
+    ) -> Master<'m>
+    where
+        'a: 'm,
+    {
+        let mut master = Master::new(link, self.protocol, self.polling.retries);
+        master.stop_when(stop);
+        master.keep_distance(self.distance_ns());
+        master
+    }
+
     /// How many frames are wanted, 0 for no end.
     pub(super) fn count(&self) -> u64 {
         self.polling.count.unwrap_or(self.usual)
     }
 
     /// Back to back is not closer than the encoder bears. An interval below that was asked for, and warned of.
-    pub(super) fn distance_ns(&self) -> u64 {
+    fn distance_ns(&self) -> u64 {
         let least = self.preset.and_then(|preset| preset.interval);
         let asked = self.polling.interval;
         least

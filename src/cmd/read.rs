@@ -22,7 +22,8 @@ use std::rc::Rc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) fn run(args: cli::Read, frame_given: bool) -> Result<Ended> {
-    let Some(wanted) = choose_frame(args.frame.as_ref(), &args.wire.link, frame_given) else {
+    let Some(wanted) = choose_frame(args.framed.frame.as_ref(), &args.wire.link, frame_given)
+    else {
         bail!(NO_FRAME);
     };
     check(&args.wire, &args.polling)?;
@@ -110,17 +111,15 @@ impl Plan {
             sink.shape(&mut protocol);
         }
         let live = link.caps().live;
-        let poll = Poll {
-            wire: &args.wire,
-            polling: &args.polling,
-            preset: self.frame.preset,
-            protocol: &protocol,
+        // Without a number of frames, as many as registers take.
+        let usual = u64::from(live && self.beside.is_none());
+        let poll = Poll::new(
+            (&args.wire, &args.polling),
+            self.frame.preset,
+            &protocol,
             signals,
-            // Without a number of frames, as many as registers take.
-            usual: u64::from(live && self.beside.is_none()),
-            summary: Summary::default(),
-            evidence: None,
-        };
+            usual,
+        );
         let run = Run {
             format: args.format,
             once: self.beside.is_some() && args.polling.count.is_none(),
@@ -155,12 +154,10 @@ impl Run {
         let stop = poll.signals.watch();
         let ear = self.sink.as_ref().and_then(Sink::ear);
         let hear = |tried: &Try| ear.iter().for_each(|ear| ear.hear(tried));
-        let mut master = Master::new(link, poll.protocol, args.polling.retries);
-        master.stop_when(&stop);
+        let mut master = poll.master(link, &stop);
         if ear.is_some() {
             master.show_tries(&hear);
         }
-        master.keep_distance(poll.distance_ns());
         let printer = Rc::clone(&self.out.printer);
         printer.borrow_mut().header().map_err(writing)?;
         if let Err(error) = poll.open(&mut master, &mut self) {

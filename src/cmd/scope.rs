@@ -2,11 +2,12 @@
 
 use super::asked::{choose_frame, fill_in};
 use super::line::{self, Line};
-use super::{Ended, Outcome, auto, bank, deliver, schedule};
+use super::poll::{open_as, recorded};
+use super::{Ended, Outcome, auto, bank, deliver};
 use crate::cli::{self, Wanted};
 use crate::output::{Progress, note, scope};
 use crate::sys::Signals;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, bail};
 use biss::cycle::Cycle;
 use biss::diagram::Diagram;
 use biss::format::Format;
@@ -52,25 +53,10 @@ pub(crate) fn run(mut args: cli::Scope, frame_given: bool) -> Result<Ended> {
     if let Some(preset) = frame.as_ref().and_then(|frame| frame.preset) {
         fill_in(&mut args.wire, preset);
     }
-    schedule(args.wire.cpu, args.wire.rt)?;
-    let signals = Signals::catch().map_err(|e| {
-        anyhow!("catching signals: {e}\n  is a limit of this process used up (`ulimit -a`)?")
-    })?;
-    let link = match Line::of(&args.wire, frame.as_ref()).open(&signals, || {}) {
-        // The input ended for the signal: it is not what the error takes it for.
-        Err(_) if recorded(&args) && signals.caught().is_some() => {
-            return Ok(Ended {
-                outcome: Outcome::Bad,
-                signal: signals.caught(),
-            });
-        }
-        opened => opened?,
-    };
-    draw(&args, frame.map(|frame| frame.format), link, &signals)
-}
-
-fn recorded(args: &cli::Scope) -> bool {
-    matches!(args.wire.link.kind, Kind::File { .. })
+    match open_as(&args.wire, frame.as_ref(), || {})? {
+        Ok((link, signals)) => draw(&args, frame.map(|frame| frame.format), link, &signals),
+        Err(ended) => Ok(ended),
+    }
 }
 
 /// What the name of a picture ends with that is no SVG.
@@ -83,7 +69,7 @@ fn other_picture(path: &Path) -> Option<String> {
 }
 
 fn check(args: &cli::Scope) -> Result<()> {
-    if recorded(args) && args.wire.clock.is_some() {
+    if recorded(&args.wire) && args.wire.clock.is_some() {
         bail!("--clock has no meaning on a recording\n  leave it out");
     }
     let picture = args.write.as_deref().and_then(other_picture);
@@ -94,7 +80,7 @@ fn check(args: &cli::Scope) -> Result<()> {
             path.with_extension("svg").display()
         );
     }
-    if !recorded(args) && args.skip > MOST_SKIPPED {
+    if !recorded(&args.wire) && args.skip > MOST_SKIPPED {
         bail!(
             "--skip {}: more than {MOST_SKIPPED} cycles take a live link hours\n  leave out fewer, or `biss capture` them and draw from the recording",
             args.skip

@@ -1,49 +1,32 @@
 //! `biss stats`: many frames in a few numbers.
 
-use super::asked::{NO_FRAME, check, choose_frame};
+use super::Ended;
+use super::auto::Answer;
 use super::line::Line;
 use super::poll::{self, Audience, Gap, Poll, Turn, is_broken_pipe, writing};
-use super::{Ended, auto};
-use crate::cli::{self, ReportFormat, STATS_FRAMES, Wanted};
+use crate::cli::{self, ReportFormat, STATS_FRAMES};
 use crate::output::stats::Report;
 use crate::output::{Summary, answer};
-use crate::sys::Signals;
-use anyhow::{Result, bail};
-use biss::link::Link;
+use anyhow::Result;
 use biss::master::Master;
 use biss::measure::{number, scales};
-use biss::preset::Frame;
 use biss::stats::{Due, Stats};
 
 pub(crate) fn run(mut args: cli::Stats, frame_given: bool) -> Result<Ended> {
-    let Some(wanted) = choose_frame(args.frame.as_ref(), &args.wire.link, frame_given) else {
-        bail!(NO_FRAME);
-    };
-    check(&args.wire, &args.polling)?;
-    let (frame, slaves, opened) = match wanted {
-        Wanted::Given(frame) => {
-            let interval = args.polling.interval;
-            match poll::open(&mut args.wire, interval, &frame, || {})? {
-                Ok(opened) => (frame, Vec::new(), opened),
-                Err(ended) => return Ok(ended),
-            }
-        }
-        Wanted::Auto => match auto::ask_frame(&args.wire)? {
-            Ok(answer) => (answer.frame, answer.slaves, (answer.link, answer.signals)),
-            Err(ended) => return Ok(ended),
-        },
-    };
-    let (mut link, signals) = opened;
-    measure(&args, frame, slaves, link.as_mut(), signals)
+    let frame = args.framed.frame.take();
+    match poll::start(&mut args.wire, &args.polling, frame.as_ref(), frame_given)? {
+        Ok(answer) => measure(&args, answer),
+        Err(ended) => Ok(ended),
+    }
 }
 
-fn measure(
-    args: &cli::Stats,
-    frame: Frame,
-    slaves: Vec<u8>,
-    link: &mut dyn Link,
-    signals: Signals,
-) -> Result<Ended> {
+fn measure(args: &cli::Stats, start: Answer) -> Result<Ended> {
+    let Answer {
+        frame,
+        slaves,
+        mut link,
+        signals,
+    } = start;
     let protocol = Line::of(&args.wire, None).protocol(frame.format);
     let live = link.caps().live;
     let cli::Measure { resolution, unit } = args.measure;
@@ -51,20 +34,11 @@ fn measure(
     let channels = protocol.format.channels().iter();
     let numbers = channels.map(|channel| number(channel, resolution));
     let numbers: Vec<_> = numbers.collect::<Result<_, _>>()?;
-    let mut poll = Poll {
-        wire: &args.wire,
-        polling: &args.polling,
-        preset: frame.preset,
-        protocol: &protocol,
-        signals,
-        usual: if live { STATS_FRAMES } else { 0 },
-        summary: Summary::default(),
-        evidence: None,
-    };
+    let usual = if live { STATS_FRAMES } else { 0 };
+    let asked = (&args.wire, &args.polling);
+    let mut poll = Poll::new(asked, frame.preset, &protocol, signals, usual);
     let stop = poll.signals.watch();
-    let mut master = Master::new(link, &protocol, args.polling.retries);
-    master.stop_when(&stop);
-    master.keep_distance(poll.distance_ns());
+    let mut master = poll.master(link.as_mut(), &stop);
     let mut meter = Meter {
         report: Report {
             stats: Stats::of(numbers.into_iter()),
@@ -86,7 +60,7 @@ fn measure(
     }
     let result = poll.frames(&mut master, &mut meter);
     drop(master);
-    poll.explain(link, result.is_ok());
+    poll.explain(link.as_mut(), result.is_ok());
     // After an error too: what was measured before it has been measured.
     let mut told = Ok(());
     if result.is_ok() || poll.summary.cycles > 0 {

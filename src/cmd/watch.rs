@@ -1,20 +1,18 @@
 //! `biss watch`: a live view for the bench.
 
-use super::asked::{NO_FRAME, check, choose_frame};
+use super::Ended;
+use super::auto::Answer;
 use super::line::Line;
 use super::poll::{self, Audience, Gap, Poll, Turn, is_broken_pipe, recorded, writing};
-use super::{Ended, auto};
-use crate::cli::{self, OutputFormat, Wanted};
+use crate::cli::{self, OutputFormat};
 use crate::output::watch::{Painter, View, Way};
 use crate::output::{Summary, note};
-use crate::sys::{Signals, Terminal};
+use crate::sys::Terminal;
 use anyhow::{Result, anyhow, bail};
 use biss::format::Format;
-use biss::link::Link;
 use biss::master::Master;
 use biss::measure::{number, scales};
 use biss::place::Zero;
-use biss::preset::Frame;
 use biss::unit::Nanos;
 use std::time::{Duration, Instant};
 
@@ -28,51 +26,27 @@ pub(crate) fn run(mut args: cli::Watch, frame_given: bool) -> Result<Ended> {
              biss read prints its frames, biss stats sums them up, biss scope draws them"
         );
     }
-    let Some(wanted) = choose_frame(args.frame.as_ref(), &args.wire.link, frame_given) else {
-        bail!(NO_FRAME);
-    };
-    check(&args.wire, &args.polling)?;
     args.polling.interval.get_or_insert(INTERVAL);
-    let (frame, slaves, opened) = match wanted {
-        Wanted::Given(frame) => {
-            let interval = args.polling.interval;
-            match poll::open(&mut args.wire, interval, &frame, || {})? {
-                Ok(opened) => (frame, Vec::new(), opened),
-                Err(ended) => return Ok(ended),
-            }
-        }
-        Wanted::Auto => match auto::ask_frame(&args.wire)? {
-            Ok(answer) => (answer.frame, answer.slaves, (answer.link, answer.signals)),
-            Err(ended) => return Ok(ended),
-        },
-    };
-    let (mut link, signals) = opened;
-    watch(&args, frame, slaves, link.as_mut(), signals)
+    let frame = args.framed.frame.take();
+    match poll::start(&mut args.wire, &args.polling, frame.as_ref(), frame_given)? {
+        Ok(answer) => watch(&args, answer),
+        Err(ended) => Ok(ended),
+    }
 }
 
-fn watch(
-    args: &cli::Watch,
-    frame: Frame,
-    slaves: Vec<u8>,
-    link: &mut dyn Link,
-    signals: Signals,
-) -> Result<Ended> {
+fn watch(args: &cli::Watch, answer: Answer) -> Result<Ended> {
+    let Answer {
+        frame,
+        slaves,
+        mut link,
+        signals,
+    } = answer;
     let protocol = Line::of(&args.wire, None).protocol(frame.format);
     let ways = ways(args, &protocol.format)?;
-    let mut poll = Poll {
-        wire: &args.wire,
-        polling: &args.polling,
-        preset: frame.preset,
-        protocol: &protocol,
-        signals,
-        usual: 0,
-        summary: Summary::default(),
-        evidence: None,
-    };
+    let asked = (&args.wire, &args.polling);
+    let mut poll = Poll::new(asked, frame.preset, &protocol, signals, 0);
     let stop = poll.signals.watch();
-    let mut master = Master::new(link, &protocol, args.polling.retries);
-    master.stop_when(&stop);
-    master.keep_distance(poll.distance_ns());
+    let mut master = poll.master(link.as_mut(), &stop);
     let interval = args.polling.interval.unwrap_or(INTERVAL);
     let mut eye = Eye {
         view: View::new(&protocol.format, &slaves, interval, ways),
