@@ -47,6 +47,15 @@ pub(crate) struct Ended {
     pub(crate) signal: Option<i32>,
 }
 
+/// As a shell takes it for one word.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_./:=,+%@-".contains(c);
+    match !word.is_empty() && word.chars().all(plain) {
+        true => word.into(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
+}
+
 /// Writes records. Whoever reads may have enough.
 fn deliver(text: &str) -> Result<()> {
     match answer(text) {
@@ -82,4 +91,19 @@ pub(crate) fn schedule(cpu: Option<usize>, rt: Option<u8>) -> Result<()> {
         sys::real_time(priority).map_err(said)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn a_link_is_one_word_for_a_shell() {
+        assert_eq!(
+            quoted("sim:ack=3,frame=st8,crc6:0x43:plain"),
+            "sim:ack=3,frame=st8,crc6:0x43:plain"
+        );
+        assert_eq!(quoted("exec:vvp x.vvp"), "'exec:vvp x.vvp'");
+        assert_eq!(quoted("file:it's"), r"'file:it'\''s'");
+    }
 }

@@ -39,14 +39,6 @@ fn typed(verb: &ArgMatches, option: &str) -> bool {
     source.flatten() == Some(ValueSource::CommandLine)
 }
 
-/// An argument of the verb as it was written.
-fn written(matches: &ArgMatches, argument: &str) -> String {
-    let verb = matches.subcommand().map(|(_, verb)| verb);
-    let raw = verb.and_then(|verb| verb.get_raw(argument)?.next());
-    raw.map(|raw| raw.to_string_lossy().into_owned())
-        .unwrap_or_default()
-}
-
 fn misused(error: &clap::Error) -> ExitCode {
     output::note(cli::complaint(error));
     ExitCode::from(FAILED)
@@ -64,7 +56,7 @@ fn run(matches: &ArgMatches) -> ExitCode {
         cli::Command::Read(args) => cmd::read::run(*args, frame_given),
         cli::Command::Stats(args) => cmd::stats::run(*args, frame_given),
         cli::Command::Watch(args) => cmd::watch::run(*args, frame_given),
-        cli::Command::Detect(args) => cmd::detect::run(*args, &written(matches, "link")),
+        cli::Command::Detect(args) => cmd::detect::run(*args),
         cli::Command::Scope(args) => cmd::scope::run(*args, frame_given),
         cli::Command::Capture(args) => cmd::capture::run(*args, frame_given),
         cli::Command::Info(args) => cmd::info::run(&args),

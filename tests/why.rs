@@ -45,6 +45,41 @@ fn the_next_command_works() {
     }
 }
 
+/// An encoder that was called by its name is so in the next command, or by all that its name stands for.
+#[test]
+fn the_next_command_works_for_a_name() {
+    let config = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("why.toml");
+    let text = "[encoder.old]\nlink = \"file:tests/recordings/faults.vcd\"\nframe = \"st26,nE,nW,crc6\"\n\
+                [encoder.new]\nlink = \"sim:device=none,frame=st24,crc6\"\nclock = \"500kHz\"\n";
+    std::fs::write(&config, text).unwrap();
+    let config = config.display();
+    let (_, stderr, code) = run(&format!("read old --config {config} -o csv"));
+    assert_eq!(code, Some(1), "{stderr}");
+    let command = next(
+        stderr
+            .lines()
+            .find(|line| line.contains(": biss "))
+            .unwrap(),
+    );
+    assert_eq!(command, format!("scope old --config {config} --fault"));
+    let (drawn, stderr, code) = run(command);
+    assert_eq!(code, Some(1), "a fault is drawn: {stderr}");
+    assert!(drawn.contains("stalled"), "{drawn}");
+    let (found, stderr, code) = run(&format!("detect new --config {config}"));
+    assert_eq!(code, Some(0), "{stderr}");
+    let command = found.lines().last().unwrap().strip_prefix("biss ").unwrap();
+    let (_, stderr, code) = run(command);
+    assert_eq!(code, Some(0), "{command}: {stderr}");
+}
+
+/// What was done already is not to be done again.
+#[test]
+fn nothing_is_to_be_typed_that_was_typed() {
+    let (_, stderr, _) = run("read sim:absent=3600s --wait 30s -n 2");
+    let why = whys(&stderr);
+    assert!(!why.iter().any(|line| line.contains(": biss ")), "{stderr}");
+}
+
 #[test]
 fn the_summary_says_the_same() {
     let args = "read sim:stuck=1 -f st26,nE,nW,crc6 -n 3 -o json";

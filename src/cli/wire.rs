@@ -37,6 +37,10 @@ impl FromStr for Target {
 #[derive(Debug)]
 pub(crate) struct Wire {
     pub(crate) link: Spec,
+    /// The link or the name, as it was typed or set.
+    pub(crate) written: String,
+    /// The file that names were looked up in, where it was typed.
+    pub(crate) config: Option<PathBuf>,
     /// What a file says, where it was called by its name. Link, clock and timeout are those of this already.
     pub(crate) named: Option<Box<Encoder>>,
     pub(crate) clock: Option<Hertz>,
@@ -128,8 +132,12 @@ impl FromArgMatches for Wire {
         let config = typed.files.config.as_deref();
         let (link, named) = look_up(&typed.link, config, matches)?;
         let said = named.as_deref();
+        let mut written = matches.get_raw("link").into_iter().flatten();
+        let written = written.next().unwrap_or_default();
         Ok(Wire {
             link,
+            written: written.to_string_lossy().into_owned(),
+            config: typed.files.config,
             clock: typed.clock.or(said.and_then(|said| said.clock)),
             timeout: typed.timeout.or(said.and_then(|said| said.timeout)),
             ack_limit: typed.ack_limit,

@@ -5,7 +5,7 @@ use super::auto::Found;
 use super::line::{self, Line};
 use super::poll::open_as;
 use super::session::{Session, can_send};
-use super::{Ended, Outcome, deliver};
+use super::{Ended, Outcome, deliver, quoted};
 use crate::cli::{self, DETECT_FRAMES};
 use crate::output::detect::{Limited, Measured, PhaseTrial, Report, Told};
 use crate::output::note;
@@ -36,8 +36,7 @@ const CLOCKS: [u32; 13] = [
     4_000_000, 5_000_000, 7_500_000, 10_000_000,
 ];
 
-/// `typed` is the link as it was typed.
-pub(crate) fn run(args: cli::Detect, typed: &str) -> Result<Ended> {
+pub(crate) fn run(args: cli::Detect) -> Result<Ended> {
     let wire = &args.wire;
     live_only(
         wire,
@@ -85,7 +84,7 @@ pub(crate) fn run(args: cli::Detect, typed: &str) -> Result<Ended> {
     let report = Report {
         told: &told,
         measured: &measured,
-        command: command(&args, typed, &findings),
+        command: command(wire, &findings),
         live: link.caps().live,
         findings: &findings,
     };
@@ -373,11 +372,14 @@ impl Trial {
 }
 
 /// What to type to read the encoder.
-fn command(args: &cli::Detect, typed: &str, findings: &Findings) -> Option<String> {
+fn command(wire: &cli::Wire, findings: &Findings) -> Option<String> {
     let best = findings.answers.first()?;
-    let mut words = vec!["biss read".to_owned(), quoted(typed)];
+    let mut words = vec!["biss read".to_owned(), quoted(&wire.written)];
+    words.extend(wire.config.as_ref().map(|path| {
+        let path = path.to_string_lossy();
+        format!("--config {}", quoted(&path))
+    }));
     words.push(format!("-f {}", best.format));
-    let wire = &args.wire;
     words.extend(wire.clock.map(|clock| format!("-c {clock}")));
     let asked = |limit: Nanos| Some(limit).filter(|limit| limit.0 != BUSY_MAX_NS);
     words.extend(asked(wire.ack_limit).map(|limit| format!("--ack-limit {limit}")));
@@ -393,28 +395,4 @@ fn busy_beyond(findings: &Findings) -> Option<Nanos> {
     let ns = clocks.saturating_mul(period.max).next_multiple_of(1_000);
     let usual = clocks > limits::BUSY_CLOCKS.into() && ns > BUSY_MAX_NS;
     usual.then_some(Nanos(ns))
-}
-
-/// As a shell takes it for one word.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_./:=,+%@-".contains(c);
-    match !word.is_empty() && word.chars().all(plain) {
-        true => word.into(),
-        false => format!("'{}'", word.replace('\'', r"'\''")),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::quoted;
-
-    #[test]
-    fn a_link_is_one_word_for_a_shell() {
-        assert_eq!(
-            quoted("sim:ack=3,frame=st8,crc6:0x43:plain"),
-            "sim:ack=3,frame=st8,crc6:0x43:plain"
-        );
-        assert_eq!(quoted("exec:vvp x.vvp"), "'exec:vvp x.vvp'");
-        assert_eq!(quoted("file:it's"), r"'file:it'\''s'");
-    }
 }

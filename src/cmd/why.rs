@@ -1,7 +1,10 @@
 //! Why frames are bad, told once, with the next command to type.
 
 use super::poll::Poll;
+use super::quoted;
+use crate::cli;
 use crate::output::{Why, note};
+use biss::config::Encoder;
 use biss::diagnose::{Diagnosis, Evidence, Remedy, Setup};
 use biss::link::{Kind, Link, Phase};
 use biss::master::Master;
@@ -9,12 +12,13 @@ use biss::trials;
 use std::env;
 
 /// Options that `scope` takes as well, with what stands behind them.
-const LINE_OPTIONS: [(&str, &str); 5] = [
+const LINE_OPTIONS: [(&str, &str); 6] = [
     ("--frame", "-f"),
     ("--clock", "-c"),
     ("--timeout", ""),
     ("--ack-limit", ""),
     ("--busy-limit", ""),
+    ("--config", ""),
 ];
 
 /// What a diagnosis may set.
@@ -48,9 +52,9 @@ impl Poll<'_> {
         let news = evidence.news(end);
         if end {
             let all = evidence.diagnoses();
-            self.summary.diagnosis = all.iter().map(told).collect();
+            self.summary.diagnosis = all.iter().map(|one| told(self.wire, one)).collect();
         }
-        news.iter().map(line).collect()
+        news.iter().map(|one| line(self.wire, one)).collect()
     }
 
     /// The end of it: what the run has left open is tried, if nothing has gone wrong by then and nobody wants to leave.
@@ -64,57 +68,92 @@ impl Poll<'_> {
     }
 }
 
-fn told(diagnosis: &Diagnosis) -> Why {
+fn told(wire: &cli::Wire, diagnosis: &Diagnosis) -> Why {
     Why {
         cause: diagnosis.cause.name(),
         text: diagnosis.to_string(),
         count: diagnosis.count,
-        command: command(&diagnosis.remedy),
+        command: command(&changed(&typed(), Way::of(wire), &diagnosis.remedy)),
     }
 }
 
-fn line(diagnosis: &Diagnosis) -> String {
+fn line(wire: &cli::Wire, diagnosis: &Diagnosis) -> String {
+    let typed = typed();
+    let next = changed(&typed, Way::of(wire), &diagnosis.remedy);
+    if next == typed && diagnosis.remedy != Remedy::Again {
+        // That is what was done.
+        return diagnosis.to_string();
+    }
     let then = match diagnosis.advice {
         "" => "try",
         _ => "then",
     };
-    format!("{diagnosis}; {then}: {}", command(&diagnosis.remedy))
+    format!("{diagnosis}; {then}: {}", command(&next))
 }
 
-/// The command to type: the one that was typed, with something changed.
-fn command(remedy: &Remedy) -> String {
-    let typed: Vec<String> = env::args_os()
-        .skip(1)
+fn typed() -> Vec<String> {
+    let words = env::args_os().skip(1);
+    words
         .map(|word| word.to_string_lossy().into_owned())
-        .collect();
-    let set = env::var("BISS_LINK").ok();
-    let words = changed(&typed, set.as_deref(), remedy);
+        .collect()
+}
+
+fn command(words: &[String]) -> String {
     let words = words.iter().map(|word| quoted(word));
     format!("biss {}", words.collect::<Vec<_>>().join(" "))
 }
 
-fn changed(typed: &[String], set: Option<&str>, remedy: &Remedy) -> Vec<String> {
+/// The way to an encoder in a command.
+#[derive(Clone, Copy)]
+struct Way<'a> {
+    /// Its link or its name.
+    written: &'a str,
+    /// What stands under that name.
+    named: Option<&'a Encoder>,
+}
+
+impl Way<'_> {
+    fn of(wire: &cli::Wire) -> Way<'_> {
+        Way {
+            written: &wire.written,
+            named: wire.named.as_deref(),
+        }
+    }
+}
+
+/// The command to type: the one that was typed, with something changed.
+fn changed(typed: &[String], way: Way, remedy: &Remedy) -> Vec<String> {
     let mut words = typed.to_vec();
+    // Behind the verb; nowhere where a variable names it.
+    let link_at = words.iter().skip(1).position(|word| word == way.written);
+    let link_at = link_at.map(|at| at + 1);
     match remedy {
         Remedy::Again => {}
         Remedy::Options(options) => {
             for (option, value) in options {
-                take(&mut words, option, short(&SHORT, option));
                 let name = match short(&SHORT, option) {
                     "" => option,
                     short => short,
                 };
-                words.extend([name.to_owned(), value.clone()]);
+                let mut rest = words.clone();
+                if take(&mut rest, option, short(&SHORT, option)).as_ref() != Some(value) {
+                    rest.extend([name.to_owned(), value.clone()]);
+                    words = rest;
+                }
             }
         }
-        Remedy::Key(key, value) => match words.iter_mut().find(|word| is_link(word)) {
-            Some(link) => *link = with_key(link, key, value),
-            None => words.insert(1, with_key(set.unwrap_or_default(), key, value)),
-        },
+        Remedy::Key(key, value) => {
+            let link = way.named.map_or(way.written, |named| &named.link);
+            let link = with_key(link, key, value);
+            match link_at {
+                Some(at) => words[at] = link,
+                None => words.insert(1, link),
+            }
+            way.named.iter().for_each(|named| spell(&mut words, named));
+        }
         Remedy::Draw => {
-            let link = words.iter().find(|word| is_link(word)).cloned();
             let mut drawn = vec!["scope".to_owned()];
-            drawn.extend(link);
+            drawn.extend(link_at.map(|at| words[at].clone()));
             for (option, short) in LINE_OPTIONS {
                 if let Some(value) = take(&mut words, option, short) {
                     let name = if short.is_empty() { option } else { short };
@@ -128,19 +167,29 @@ fn changed(typed: &[String], set: Option<&str>, remedy: &Remedy) -> Vec<String> 
     words
 }
 
+/// Without its name an encoder has nothing of what stands under it, unless it was typed.
+fn spell(words: &mut Vec<String>, named: &Encoder) {
+    let said = [
+        ("--frame", named.frame.as_ref().map(ToString::to_string)),
+        ("--clock", named.clock.map(|clock| clock.to_string())),
+        (
+            "--timeout",
+            named.timeout.map(|timeout| timeout.to_string()),
+        ),
+    ];
+    for (option, value) in said {
+        let name = short(&LINE_OPTIONS, option);
+        let typed = take(&mut words.clone(), option, name).is_some();
+        if let Some(value) = value.filter(|_| !typed) {
+            let name = if name.is_empty() { option } else { name };
+            words.extend([name.to_owned(), value]);
+        }
+    }
+}
+
 fn short(options: &[(&'static str, &'static str)], option: &str) -> &'static str {
     let known = options.iter().find(|(long, _)| *long == option);
     known.map_or("", |(_, short)| short)
-}
-
-/// Whether this word is the way to an encoder.
-fn is_link(word: &str) -> bool {
-    ["gpio", "spi", "wave", "sim", "file", "exec"]
-        .iter()
-        .any(|kind| {
-            word.strip_prefix(kind)
-                .is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
-        })
 }
 
 /// Takes an option away, in any way it can be spelled, and returns the value it had last.
@@ -183,18 +232,10 @@ fn with_key(link: &str, key: &str, value: &str) -> String {
     format!("{},{key}={value}{frame}", kept.join(","))
 }
 
-/// As a shell reads it back.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_./:=,+@%-".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use biss::unit::Hertz;
 
     fn words(text: &str) -> Vec<String> {
         text.split(' ').map(str::to_owned).collect()
@@ -241,15 +282,42 @@ mod tests {
                 Remedy::Draw,
                 "scope file:x.vcd -f st8,crc6 --timeout 12us --fault",
             ),
+            (
+                "read axis --config e.toml -o json",
+                Remedy::Draw,
+                "scope axis --config e.toml --fault",
+            ),
+            (
+                "read axis --wait 30s -n 2",
+                option("--wait", "30s"),
+                "read axis --wait 30s -n 2",
+            ),
         ] {
-            assert_eq!(
-                changed(&words(typed), None, &remedy),
-                words(next),
-                "{typed}"
-            );
+            let typed = words(typed);
+            let way = Way {
+                written: &typed[1],
+                named: None,
+            };
+            assert_eq!(changed(&typed, way, &remedy), words(next), "{typed:?}");
         }
-        let set = changed(&words("read -n 2"), Some("spi:0.0"), &key("pad", "90"));
-        assert_eq!(set, words("read spi:0.0,pad=90 -n 2"));
+        let set = Way {
+            written: "spi:0.0",
+            named: None,
+        };
+        let next = changed(&words("read -n 2"), set, &key("pad", "90"));
+        assert_eq!(next, words("read spi:0.0,pad=90 -n 2"));
+        let encoder = Encoder {
+            link: "spi:0.0".into(),
+            frame: "st8,crc6".parse().ok(),
+            clock: Some(Hertz(2_000_000)),
+            ..Encoder::default()
+        };
+        let named = Way {
+            written: "axis",
+            named: Some(&encoder),
+        };
+        let next = changed(&words("read axis -c 1MHz"), named, &key("phase", "2"));
+        assert_eq!(next, words("read spi:0.0,phase=2 -c 1MHz -f st8,crc6"));
         assert_eq!(quoted("exec:vvp -n 'a'"), r"'exec:vvp -n '\''a'\'''");
     }
 }
