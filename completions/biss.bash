@@ -379,7 +379,7 @@ _biss() {
             return 0
             ;;
         biss__subcmd__detect)
-            opts="-c -q -v -n -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --count --wait --no-write --format --help gpio: spi: wave: sim file: exec: NAME"
+            opts="-c -q -v -n -o -h --clock --timeout --ack-limit --busy-limit --rt --cpu --quiet --verbose --config --count --wait --no-write --save --format --help gpio: spi: wave: sim file: exec: NAME"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -453,6 +453,13 @@ _biss() {
                     return 0
                     ;;
                 --wait)
+                    COMPREPLY=("${cur}")
+                    if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
+                        compopt -o nospace
+                    fi
+                    return 0
+                    ;;
+                --save)
                     COMPREPLY=("${cur}")
                     if [[ "${BASH_VERSINFO[0]}" -ge 4 ]]; then
                         compopt -o nospace

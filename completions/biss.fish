@@ -162,6 +162,7 @@ complete -c biss -n "__fish_biss_using_subcommand detect" -l cpu -d 'Run on this
 complete -c biss -n "__fish_biss_using_subcommand detect" -l config -d 'Named encoders are in FILE [default: ~/.config/biss/config.toml and /etc/biss.toml]' -r -F
 complete -c biss -n "__fish_biss_using_subcommand detect" -s n -l count -d 'Most frames to look at; fewer where they are certain [default: 1000, all of a recording]' -r -f
 complete -c biss -n "__fish_biss_using_subcommand detect" -l wait -d 'How long to wait for motion where a position that stands still leaves several formats [default: 10s, 0s with -n or on sim]' -r -f
+complete -c biss -n "__fish_biss_using_subcommand detect" -l save -d 'Where exactly one format fits, keep link, format and clock under this name: `biss read NAME` reads it then' -r -f
 complete -c biss -n "__fish_biss_using_subcommand detect" -s o -l format -d 'How it is told' -r -f -a "text\t'For people'
 json\t'JSON Lines'"
 complete -c biss -n "__fish_biss_using_subcommand detect" -s q -l quiet -d 'No summary and no notes on stderr'

@@ -122,6 +122,11 @@ impl Files {
     }
 }
 
+/// Where an encoder is saved: in the file of `--config`, or the user's own. None where nobody says where that would be.
+pub(crate) fn to_write(given: Option<&Path>) -> Option<PathBuf> {
+    given.map(Path::to_owned).or_else(own)
+}
+
 /// The user's own file, where the environment says where that would be.
 fn own() -> Option<PathBuf> {
     let folder = |name| {

@@ -690,3 +690,87 @@ fn mistakes_are_usage_errors() {
     assert_eq!(status, Some(2));
     assert!(stderr.contains("biss detect"), "{stderr}");
 }
+
+/// A folder of its own, and a configuration in it.
+fn shelf(name: &str, text: &str) -> std::path::PathBuf {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("config.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn what_is_certain_is_saved_under_a_name() {
+    let text = "# mine\n[encoder.axis]\nlink = \"sim:stuck=1\"\nframe = \"st8,crc6\"\nzero = 7\n";
+    let path = shelf("detect-save", text);
+    let config = path.display();
+    let link = "sim:device=none,frame=st22,nE,nW,crc6";
+    let (found, stderr, code) = run(&format!(
+        "detect {link} -c 500kHz --config {config} --save axis"
+    ));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(found.ends_with("-c 500kHz\n"), "{found}");
+    assert!(
+        stderr.ends_with("config.toml: biss read axis\n"),
+        "{stderr}"
+    );
+    let text = std::fs::read_to_string(&path).unwrap();
+    for line in [
+        "# mine",
+        "link = \"sim:device=none\"",
+        "frame = \"st22,nE,nW,crc6\"",
+        "clock = \"500kHz\"",
+        "zero = 7",
+    ] {
+        assert!(text.lines().any(|known| known == line), "{line}: {text}");
+    }
+    let (read, stderr, code) = run(&format!("read axis --config {config} -o json -q"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(json(&read)[0]["counts"].is_number(), "{read}");
+    // Its own link is known by its name.
+    let (_, stderr, code) = run(&format!("detect axis --config {config} --save other -q"));
+    assert_eq!(code, Some(0), "{stderr}");
+    let (_, stderr, code) = run(&format!("read other --config {config} -q"));
+    assert_eq!(code, Some(0), "{stderr}");
+}
+
+#[test]
+fn what_is_not_certain_is_not_saved() {
+    let path = shelf("detect-unsaved", "# nothing\n");
+    let config = path.display();
+    let still = "sim:device=none,motion=still,pos=700 -n 20";
+    for (args, status, says) in [
+        (
+            format!("{still} --save axis"),
+            1,
+            "nothing is saved as axis",
+        ),
+        (
+            "sim:stuck=0 --save axis".into(),
+            1,
+            "nothing is saved as axis",
+        ),
+        ("exec:cat --save axis".into(), 2, "no file can name it"),
+        ("sim --save sim".into(), 2, "a kind of link"),
+        ("sim --save a/b".into(), 2, "no name for an encoder"),
+    ] {
+        let (_, stderr, code) = run(&format!("detect {args} --config {config}"));
+        assert_eq!(code, Some(status), "{args}: {stderr}");
+        assert!(stderr.contains(says), "{args}: {stderr}");
+        assert_eq!(
+            std::fs::read_to_string(&path).unwrap(),
+            "# nothing\n",
+            "{args}"
+        );
+    }
+    let folder = path.parent().unwrap().display();
+    let link = "sim:device=none,frame=st22,nE,nW,crc6";
+    let (found, stderr, code) = run(&format!("detect {link} --config {folder} --save axis"));
+    assert_eq!(code, Some(2), "{stderr}");
+    assert!(
+        found.contains("st22,nE,nW,crc6"),
+        "what was found is told all the same"
+    );
+    assert!(stderr.contains("saving axis in"), "{stderr}");
+}

@@ -1,6 +1,8 @@
 //! `biss detect` as clap sees it.
 
 use super::{ReportFormat, Wire};
+use biss::ParseError;
+use biss::config::check_name;
 use biss::unit::Nanos;
 use clap::Args;
 
@@ -23,6 +25,7 @@ Examples:
   biss detect sim:device=none                 an encoder without registers
   biss detect spi:0.0 -c 500kHz               an encoder without a data sheet, slowly
   biss detect file:bench.vcd -o json          a recording, as one JSON object
+  biss detect gpio:0,ma=17,slo=27 --save axis  from then on biss read axis
 
 Exit status:
   0  exactly one format fits
@@ -50,7 +53,15 @@ pub(crate) struct Detect {
     #[arg(long)]
     pub(crate) no_write: bool,
 
+    /// Where exactly one format fits, keep link, format and clock under this name: `biss read NAME` reads it then
+    #[arg(long, value_name = "NAME", value_parser = name)]
+    pub(crate) save: Option<String>,
+
     /// How it is told
     #[arg(short = 'o', long, value_enum, default_value_t = ReportFormat::Text)]
     pub(crate) format: ReportFormat,
+}
+
+fn name(text: &str) -> Result<String, ParseError> {
+    check_name(text).map(|()| text.to_owned())
 }

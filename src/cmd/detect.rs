@@ -6,10 +6,12 @@ use super::line::{self, Line};
 use super::poll::open_as;
 use super::session::{Session, can_send};
 use super::{Ended, Outcome, deliver, quoted};
-use crate::cli::{self, DETECT_FRAMES};
+use crate::cli::{self, DETECT_FRAMES, Wanted};
+use crate::named::{self, Files};
 use crate::output::detect::{Limited, Measured, PhaseTrial, Report, Told};
 use crate::output::note;
-use anyhow::Result;
+use anyhow::{Result, anyhow, bail};
+use biss::config::{self, Encoder};
 use biss::control::RETRIES;
 use biss::cycle::Fault;
 use biss::detect::{self, Detector, Findings, Listen, Range};
@@ -18,8 +20,10 @@ use biss::frame::BissC;
 use biss::limits::{self, BUSY_MAX_NS};
 use biss::link::{Kind, Link, Phase};
 use biss::master::{Master, Slot};
+use biss::preset::Frame;
 use biss::registers::Trouble;
 use biss::unit::{Hertz, Nanos};
+use std::path::PathBuf;
 
 /// From frame to frame: long enough for motion to show.
 const SPACING_NS: u64 = 1_000_000;
@@ -46,6 +50,10 @@ pub(crate) fn run(args: cli::Detect) -> Result<Ended> {
             ("--no-write", args.no_write),
         ],
     )?;
+    let shelf = match &args.save {
+        Some(name) => Some(Shelf::of(wire, name)?),
+        None => None,
+    };
     let mut told = Told::Unasked;
     let (mut link, signals) = if can_send(&wire.link).is_ok() {
         let mut session = Session::open(wire, RETRIES)?;
@@ -89,6 +97,9 @@ pub(crate) fn run(args: cli::Detect) -> Result<Ended> {
         findings: &findings,
     };
     deliver(&report.render(args.format)?)?;
+    if let Some(shelf) = shelf {
+        shelf.save(wire, &findings)?;
+    }
     let outcome = match findings.only() {
         Some(_) => Outcome::Good,
         None => Outcome::Bad,
@@ -97,6 +108,67 @@ pub(crate) fn run(args: cli::Detect) -> Result<Ended> {
         outcome,
         signal: signals.caught(),
     })
+}
+
+/// Where what is found is kept.
+struct Shelf<'a> {
+    name: &'a str,
+    path: PathBuf,
+}
+
+impl Shelf<'_> {
+    /// Whether it can be kept is known before anything is asked.
+    fn of<'a>(wire: &cli::Wire, name: &'a str) -> Result<Shelf<'a>> {
+        if matches!(wire.link.kind, Kind::Exec(_)) {
+            bail!(
+                "--save: an exec: link runs a command, so no file can name it\n  leave --save out"
+            );
+        }
+        let path = named::to_write(wire.config.as_deref());
+        let path = path.ok_or_else(|| {
+            anyhow!("--save: neither XDG_CONFIG_HOME nor HOME says where a configuration of yours would be\n  name a file with --config")
+        })?;
+        Ok(Shelf { name, path })
+    }
+
+    /// Only what is certain. What else stands under that name stays: zero, unit and all that nobody can detect.
+    fn save(&self, wire: &cli::Wire, findings: &Findings) -> Result<()> {
+        let Some(answer) = findings.only() else {
+            note(format_args!(
+                "nothing is saved as {}: only what is certain would be",
+                self.name
+            ));
+            return Ok(());
+        };
+        let before = Files::of(Some(&self.path)).find(self.name);
+        let written = wire
+            .named
+            .as_ref()
+            .map_or(&wire.written, |named| &named.link);
+        let frame = Frame {
+            format: answer.format.clone(),
+            preset: None,
+        };
+        let encoder = Encoder {
+            link: without_frame(written).to_owned(),
+            frame: Some(Wanted::Given(frame)),
+            clock: wire.clock,
+            ..before.unwrap_or_default()
+        };
+        config::save(&self.path, self.name, &encoder)?;
+        if !wire.quiet {
+            let path = self.path.display();
+            note(format_args!("saved in {path}: biss read {}", self.name));
+        }
+        Ok(())
+    }
+}
+
+/// A link without its frame, which takes the rest of it.
+fn without_frame(link: &str) -> &str {
+    let marks = [",frame=", ":frame="];
+    let at = marks.iter().filter_map(|mark| link.find(mark)).min();
+    at.map_or(link, |at| &link[..at])
 }
 
 /// What the registers say, where frames have passed it.
@@ -375,7 +447,8 @@ impl Trial {
 fn command(wire: &cli::Wire, findings: &Findings) -> Option<String> {
     let best = findings.answers.first()?;
     let mut words = vec!["biss read".to_owned(), quoted(&wire.written)];
-    words.extend(wire.config.as_ref().map(|path| {
+    let config = wire.config.as_ref().filter(|_| wire.named.is_some());
+    words.extend(config.map(|path| {
         let path = path.to_string_lossy();
         format!("--config {}", quoted(&path))
     }));
