@@ -15,6 +15,8 @@ pub struct Crc {
     poly: u32,
     init: u16,
     inverted: bool,
+    /// Bits that are sent the other way round.
+    turned: u16,
     table: &'static Table,
 }
 
@@ -58,6 +60,7 @@ impl Crc {
             poly,
             init,
             inverted,
+            turned: if inverted { (low - 1) as u16 } else { 0 },
             table: table(bits, (poly ^ low) as u16),
         })
     }
@@ -91,12 +94,24 @@ impl Crc {
     /// The CRC as it is sent after the `len` (at most 64) lowest bits of `data`.
     pub fn of(&self, data: u64, len: u8) -> u16 {
         debug_assert!(len <= 64);
-        let mask = ((1u32 << self.bits) - 1) as u16;
-        let data = if len >= 64 {
-            data
+        let unused = 64u32.saturating_sub(len.into());
+        self.of_all(data & u64::MAX.checked_shr(unused).unwrap_or(0), len)
+    }
+
+    /// The same where `data` has no more bits than `len`.
+    #[inline]
+    pub(crate) fn of_all(&self, data: u64, len: u8) -> u16 {
+        let sum = if self.init == 0 {
+            self.table.checksum(data)
         } else {
-            data & ((1 << len) - 1)
+            self.begun(data, len)
         };
+        sum ^ self.turned
+    }
+
+    /// What the register holds where it began with a start value.
+    fn begun(&self, data: u64, len: u8) -> u16 {
+        let mask = ((1u32 << self.bits) - 1) as u16;
         let init = u64::from(self.init);
         // The register starts as `init`: its first bits meet the first bits of the message. What a message
         // shorter than the register does not meet is shifted up and stays.
@@ -107,8 +122,7 @@ impl Crc {
                 (init >> unmet, (self.init << len) & mask)
             }
         };
-        let sum = self.table.checksum(data ^ first) ^ rest;
-        if self.inverted { sum ^ mask } else { sum }
+        self.table.checksum(data ^ first) ^ rest
     }
 }
 
@@ -160,7 +174,12 @@ impl Table {
     fn checksum(&self, data: u64) -> u16 {
         let [a, b, c, d, e, f, g, h] = data.to_le_bytes().map(usize::from);
         let t = &self.bytes;
-        (t[0][a] ^ t[1][b] ^ t[2][c] ^ t[3][d]) ^ (t[4][e] ^ t[5][f] ^ t[6][g] ^ t[7][h])
+        let low = t[0][a] ^ t[1][b] ^ t[2][c] ^ t[3][d];
+        // Most words are short.
+        if data >> 32 == 0 {
+            return low;
+        }
+        low ^ t[4][e] ^ t[5][f] ^ t[6][g] ^ t[7][h]
     }
 }
 

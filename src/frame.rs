@@ -225,6 +225,7 @@ impl BissC {
         Some((head, start_at + 2))
     }
 
+    #[inline(never)]
     fn head(&self, trace: &Trace) -> Result<(Head, usize), Fault> {
         let bits = &trace.bits;
         let have = bits.len() as u16;
@@ -400,6 +401,7 @@ impl Protocol for BissC {
         }
     }
 
+    #[inline]
     fn decode(&self, trace: &Trace, cycle: &mut Cycle) {
         cycle.reset();
         let (head, data_at) = match self.usual_head(trace) {
@@ -433,11 +435,16 @@ impl Protocol for BissC {
 #[inline]
 fn read_word(bits: &Bits, at: usize, channel: &Channel) -> Word {
     let (data_bits, crc) = (channel.data_bits(), channel.crc());
-    let data = bits.chunk(at) >> (64 - u32::from(data_bits));
+    let chunk = bits.chunk(at);
+    let data = chunk >> (64 - u32::from(data_bits));
     let (got, want) = crc.map_or((0, 0), |crc| {
-        let behind = bits.chunk(at + usize::from(data_bits));
+        let behind = if data_bits + crc.bits() <= 64 {
+            chunk << data_bits
+        } else {
+            bits.chunk(at + usize::from(data_bits))
+        };
         let got = (behind >> (64 - u32::from(crc.bits()))) as u16;
-        (got, crc.of(data, data_bits))
+        (got, crc.of_all(data, data_bits))
     });
     let fault = if got != want {
         Some(Fault::Crc { got, want })
