@@ -174,8 +174,17 @@ impl Input {
     }
 }
 
-impl Read for Input {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+impl Input {
+    /// As [`Read::read`]; `block` may be exchanged for another one, so that nothing has to be copied.
+    pub(crate) fn exchange(&mut self, block: &mut Vec<u8>) -> io::Result<usize> {
+        self.read_by(block, |ahead, block| ahead.exchange(block))
+    }
+
+    fn read_by<B: AsMut<[u8]> + ?Sized>(
+        &mut self,
+        buffer: &mut B,
+        from: impl FnOnce(&mut Ahead, &mut B) -> io::Result<usize>,
+    ) -> io::Result<usize> {
         if self.ahead.is_none() {
             self.wait()?;
         }
@@ -183,8 +192,8 @@ impl Read for Input {
             return Ok(0);
         }
         let n = match &mut self.ahead {
-            Some(ahead) => ahead.read(buffer)?,
-            None => self.file.read(buffer)?,
+            Some(ahead) => from(ahead, buffer)?,
+            None => self.file.read(buffer.as_mut())?,
         };
         let before = self.in_row;
         self.in_row += n as u64;
@@ -193,6 +202,12 @@ impl Read for Input {
             self.read_ahead();
         }
         Ok(n)
+    }
+}
+
+impl Read for Input {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.read_by(buffer, Read::read)
     }
 }
 

@@ -147,7 +147,7 @@ impl<'a> Line<'a> {
                     .map_or(cli::TIMEOUT_MAX, |timeout| timeout.max)
                     .0;
                 let input = if whole {
-                    link::file::Input::file(input)
+                    link::file::Input::blocks(input)
                 } else {
                     link::file::Input::pipe(input)
                 };
@@ -191,6 +191,14 @@ struct Watched {
 impl Read for Watched {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let n = self.inner.read(buffer)?;
+        self.progress.add(n);
+        Ok(n)
+    }
+}
+
+impl link::file::Blocks for Watched {
+    fn exchange(&mut self, block: &mut Vec<u8>) -> io::Result<usize> {
+        let n = self.inner.exchange(block)?;
         self.progress.add(n);
         Ok(n)
     }

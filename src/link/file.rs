@@ -11,7 +11,7 @@ mod tape;
 mod text;
 mod vcd;
 
-pub use tape::Input;
+pub use tape::{Blocks, Input};
 
 use super::{Caps, Clock, Error, Known, Link};
 use crate::slice::Slicer;

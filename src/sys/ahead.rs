@@ -44,6 +44,33 @@ impl Ahead {
     }
 }
 
+impl Ahead {
+    /// Reads on, as [`Read::read`] does, and gives a whole block for the one it is given where that can be.
+    pub(super) fn exchange(&mut self, block: &mut Vec<u8>) -> io::Result<usize> {
+        if self.at < self.end {
+            return self.read(block);
+        }
+        let Ok((next, read)) = self.read.recv() else {
+            return Ok(0);
+        };
+        let used = std::mem::replace(block, next);
+        self.give_back(used);
+        let own = std::mem::take(&mut self.block);
+        (self.at, self.end) = (0, 0);
+        self.give_back(own);
+        read
+    }
+
+    /// To be read into once more.
+    fn give_back(&self, mut used: Vec<u8>) {
+        if !used.is_empty() {
+            used.resize(BLOCK, 0);
+            // The other thread may have ended.
+            let _ = self.used.send(used);
+        }
+    }
+}
+
 /// Until nobody wants more.
 fn read_on(file: &File, mut from: u64, spare: &Receiver<Vec<u8>>, give: &Sender<Block>) {
     while let Ok(mut block) = spare.recv() {
@@ -69,11 +96,8 @@ impl Read for Ahead {
                 return Ok(0);
             };
             let used = std::mem::replace(&mut self.block, block);
+            self.give_back(used);
             (self.at, self.end) = (0, read?);
-            if !used.is_empty() {
-                // It may have ended.
-                let _ = self.used.send(used);
-            }
         }
         let n = (&self.block[self.at..self.end]).read(buffer)?;
         self.at += n;
@@ -113,7 +137,12 @@ mod tests {
             let mut block = vec![0; 1 << 17];
             loop {
                 let room = rng.usize(1..block.len());
-                match ahead.read(&mut block[..room]).unwrap() {
+                let read = if rng.bool() {
+                    ahead.exchange(&mut block)
+                } else {
+                    ahead.read(&mut block[..room])
+                };
+                match read.unwrap() {
                     0 => break,
                     n => found.extend_from_slice(&block[..n]),
                 }

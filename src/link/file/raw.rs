@@ -2,6 +2,7 @@
 //! is channel 0.
 
 use super::source::{Channel, Damage, Source, step_fs};
+use super::tape::Blocks;
 use crate::scan::{Place, Scanner};
 use crate::slice::Slicer;
 use std::io::{ErrorKind, Read};
@@ -11,7 +12,7 @@ pub(super) const BLOCK: usize = 128 << 10;
 
 /// Samples of so many bytes.
 pub(super) struct Raw {
-    input: Box<dyn Read>,
+    input: Box<dyn Blocks>,
     rate_hz: u64,
     unit: usize,
     channels: Vec<Channel>,
@@ -24,7 +25,7 @@ pub(super) struct Raw {
 }
 
 impl Raw {
-    pub(super) fn open(input: impl Read + 'static, rate_hz: u64, unit: usize) -> Raw {
+    pub(super) fn open(input: impl Blocks + 'static, rate_hz: u64, unit: usize) -> Raw {
         let channels = (0..8 * unit).map(|id| Channel {
             name: id.to_string(),
             path: id.to_string(),
@@ -62,7 +63,11 @@ impl Source for Raw {
             said,
         };
         let n = loop {
-            match self.input.read(&mut self.buffer[self.rest..]) {
+            let read = match self.rest {
+                0 => self.input.exchange(&mut self.buffer),
+                rest => self.input.read(&mut self.buffer[rest..]),
+            };
+            match read {
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(damage(self.before, error.to_string())),
                 Ok(n) => break n,

@@ -4,29 +4,62 @@ use std::cell::RefCell;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::rc::Rc;
 
+/// Input that may come in blocks of its own.
+pub trait Blocks: Read {
+    /// Reads on, as [`Read::read`] does; `block` may be exchanged for another one, so that nothing has to be copied.
+    ///
+    /// # Errors
+    /// Those of reading.
+    fn exchange(&mut self, block: &mut Vec<u8>) -> io::Result<usize> {
+        self.read(block)
+    }
+}
+
+/// Input that is copied from.
+struct Plain<T>(T);
+
+impl<T: Read> Read for Plain<T> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.read(buffer)
+    }
+}
+
+impl<T: Seek> Seek for Plain<T> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+impl<T: Read> Blocks for Plain<T> {}
+
 /// What a recording is read from.
 pub struct Input {
     kind: Kind,
 }
 
 enum Kind {
-    Pipe(Box<dyn Read>),
+    Pipe(Box<dyn Blocks>),
     File(Box<dyn Both>),
 }
 
-trait Both: Read + Seek {}
-impl<T: Read + Seek> Both for T {}
+trait Both: Blocks + Seek {}
+impl<T: Blocks + Seek> Both for T {}
 
 impl Input {
     /// What can be read once.
     pub fn pipe(input: impl Read + 'static) -> Input {
         Input {
-            kind: Kind::Pipe(Box::new(input)),
+            kind: Kind::Pipe(Box::new(Plain(input))),
         }
     }
 
     /// What can be read from any place. It begins at 0.
     pub fn file(input: impl Read + Seek + 'static) -> Input {
+        Input::blocks(Plain(input))
+    }
+
+    /// The same, in blocks.
+    pub fn blocks(input: impl Blocks + Seek + 'static) -> Input {
         Input {
             kind: Kind::File(Box::new(input)),
         }
@@ -63,6 +96,12 @@ impl Read for Disk {
     }
 }
 
+impl Blocks for Disk {
+    fn exchange(&mut self, block: &mut Vec<u8>) -> io::Result<usize> {
+        self.0.borrow_mut().exchange(block)
+    }
+}
+
 impl Seek for Disk {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.0.borrow_mut().seek(to)
@@ -74,7 +113,7 @@ impl Seek for Disk {
 pub(super) struct Tape(Rc<RefCell<Kept>>);
 
 struct Kept {
-    input: Box<dyn Read>,
+    input: Box<dyn Blocks>,
     bytes: Vec<u8>,
     at: usize,
     /// What is read is added to `bytes`.
@@ -91,7 +130,7 @@ const KEPT: usize = 4 << 20;
 const KEPT_HEADER: usize = 1 << 20;
 
 impl Tape {
-    fn new(input: Box<dyn Read>) -> Tape {
+    fn new(input: Box<dyn Blocks>) -> Tape {
         Tape(Rc::new(RefCell::new(Kept {
             input,
             bytes: Vec::new(),
@@ -136,6 +175,18 @@ impl Tape {
 }
 
 impl Kept {
+    /// Whether the input itself comes next, and nothing is kept any more.
+    fn is_past(&mut self) -> bool {
+        let past = self.at == self.bytes.len()
+            && !self.ends
+            && (!self.keeps || self.bytes.len() >= KEPT_HEADER);
+        if past {
+            (self.bytes, self.at) = (Vec::new(), 0);
+            (self.keeps, self.lost) = (false, true);
+        }
+        past
+    }
+
     /// Reads on and keeps it.
     fn more(&mut self, most: usize) -> io::Result<usize> {
         let from = self.bytes.len();
@@ -153,17 +204,27 @@ impl Kept {
 
 const BLOCK: usize = 64 << 10;
 
+impl Blocks for Tape {
+    fn exchange(&mut self, block: &mut Vec<u8>) -> io::Result<usize> {
+        {
+            let kept = &mut *self.0.borrow_mut();
+            if kept.is_past() {
+                return kept.input.exchange(block);
+            }
+        }
+        self.read(block)
+    }
+}
+
 impl Read for Tape {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let kept = &mut *self.0.borrow_mut();
+        if kept.is_past() {
+            return kept.input.read(buffer);
+        }
         if kept.at == kept.bytes.len() {
             if kept.ends {
                 return Ok(0);
-            }
-            if !kept.keeps || kept.bytes.len() >= KEPT_HEADER {
-                (kept.bytes, kept.at) = (Vec::new(), 0);
-                (kept.keeps, kept.lost) = (false, true);
-                return kept.input.read(buffer);
             }
             if kept.more(buffer.len().min(KEPT_HEADER - kept.bytes.len()))? == 0 {
                 return Ok(0);
