@@ -11,7 +11,7 @@ mod wide;
 pub(crate) use region::Regular;
 
 use crate::slice::Slicer;
-use region::{BLOCK, Region, moves, places};
+use region::{BLOCK, Block, Region, places};
 use step::Step;
 use wide::{Job, Wide};
 
@@ -222,8 +222,14 @@ impl Blocks<'_> {
         let size = BLOCK * unit;
         let mut reader = Reader::new(scanner);
         let mut rest = bytes;
+        // Where something has moved, something is likely to move on.
+        let mut likely = false;
         while rest.len() >= size {
-            let quiet = reader.quiet::<W>(rest, unit);
+            let quiet = if likely {
+                0
+            } else {
+                reader.quiet::<W>(rest, unit)
+            };
             if quiet > 0 {
                 if !scanner.region.is_empty() {
                     scanner.rests::<W>(quiet, slicer);
@@ -232,14 +238,21 @@ impl Blocks<'_> {
                 rest = &rest[quiet * size..];
                 continue;
             }
-            let (block, behind) = rest.split_at(size);
-            let (ma, slo) = reader.levels::<W>(block, unit);
-            scanner.moves::<W>(reader.levels, ma, slo, slicer);
-            reader.levels = (ma >> 63 == 1, slo >> 63 == 1);
+            let (bytes, behind) = rest.split_at(size);
+            W::ahead(bytes);
+            let (ma, slo) = reader.levels::<W>(bytes, unit);
+            let before = reader.levels;
+            let block = Block::new(ma, slo, before);
+            likely = block.moves() != 0;
+            if !likely {
+                continue;
+            }
+            scanner.moves::<W>(before, block, slicer);
+            reader.levels = block.last();
             scanner.samples += BLOCK as u64;
             rest = behind;
         }
-        scanner.levels = Some(reader.levels);
+        scanner.levels = Some((reader.levels.0 == 1, reader.levels.1 == 1));
     }
 }
 
@@ -273,35 +286,33 @@ impl Scanner {
 
     /// Something has moved.
     #[inline(always)]
-    fn moves<W: Wide>(
-        &mut self,
-        mut before: (bool, bool),
-        ma: u64,
-        mut slo: u64,
-        slicer: &mut Slicer,
-    ) {
+    fn moves<W: Wide>(&mut self, mut before: (u64, u64), mut block: Block, slicer: &mut Slicer) {
         if !self.region.is_empty() {
             if self.region.is_full() {
                 self.replay(slicer);
-            } else if let Some(fall) = self.region.begins_anew(ma, slo) {
+            } else if let Some(fall) = self.region.begins_anew(block) {
                 // What is before that belongs to the cycle that is over.
+                let Block { ma, slo, .. } = block;
                 let ones = !0 << fall;
-                self.region.push(self.samples, !0, slo | ones);
+                let until = Block::new(!0, slo | ones, before);
+                self.region.push(self.samples, until);
                 if !self.whole::<W>(true, slicer) {
                     self.replay(slicer);
                 }
-                (before, slo) = ((true, true), slo | !ones);
+                before = (1, 1);
+                block = Block::new(ma, slo | !ones, before);
             } else {
-                self.region.push(self.samples, ma, slo);
+                self.region.push(self.samples, block);
                 return;
             }
         }
-        let moved = moves(ma, slo, before.0.into(), before.1.into());
+        let Block { ma, slo, .. } = block;
+        let moved = block.moves();
         let first_ns = self
             .step
             .ns(self.samples + u64::from(moved.trailing_zeros()));
-        if before == (true, true) && slicer.is_calm(first_ns) {
-            self.region.push(self.samples, ma, slo);
+        if before == (1, 1) && slicer.is_calm(first_ns) {
+            self.region.push(self.samples, block);
             return;
         }
         for at in places(moved) {
@@ -315,7 +326,7 @@ impl Scanner {
 struct Reader {
     ma: Place,
     slo: Place,
-    levels: (bool, bool),
+    levels: (u64, u64),
 }
 
 impl Reader {
@@ -323,7 +334,9 @@ impl Reader {
         Reader {
             ma: scanner.ma,
             slo: scanner.slo,
-            levels: scanner.levels.unwrap_or((true, true)),
+            levels: scanner
+                .levels
+                .map_or((1, 1), |(ma, slo)| (ma.into(), slo.into())),
         }
     }
 
@@ -333,13 +346,14 @@ impl Reader {
         let (ma, slo) = (1 << self.ma.bit, 1 << self.slo.bit);
         let size = BLOCK * unit;
         if unit == 1 {
-            let level = if self.levels.0 { ma } else { 0 } | if self.levels.1 { slo } else { 0 };
+            let level =
+                (self.levels.0 as u8) << self.ma.bit | (self.levels.1 as u8) << self.slo.bit;
             return W::quiet(bytes, level, ma | slo);
         }
         let strange = |sample: &[u8]| {
             let levels = (
-                sample[self.ma.byte] & ma != 0,
-                sample[self.slo.byte] & slo != 0,
+                u64::from(sample[self.ma.byte] & ma != 0),
+                u64::from(sample[self.slo.byte] & slo != 0),
             );
             u8::from(levels != self.levels)
         };

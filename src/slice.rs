@@ -424,13 +424,13 @@ impl Slicer {
         if self.done.len() <= self.held {
             return false;
         }
-        let mut edges = match self.done.pop_front() {
-            Some(Done::Pushed(edges)) => edges,
-            Some(Done::Read(regular)) => {
-                show(&regular, trace);
-                return true;
-            }
-            None => return false,
+        if let Some(Done::Read(regular)) = self.done.front() {
+            show(regular, trace);
+            self.done.pop_front();
+            return true;
+        }
+        let Some(Done::Pushed(mut edges)) = self.done.pop_front() else {
+            return false;
         };
         sample(&edges, trace);
         if let (Some(wave), Some(log)) = (&mut trace.wave, &mut self.log) {

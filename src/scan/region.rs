@@ -10,17 +10,57 @@ pub(super) const BLOCK: usize = 64;
 /// Blocks in a region: no cycle that is worth the trouble is longer.
 pub(super) const ROOM: usize = 256;
 
+/// Both wires for a block's time, and where they move.
+#[derive(Clone, Copy)]
+pub(super) struct Block {
+    pub(super) ma: u64,
+    pub(super) slo: u64,
+    ma_moves: u64,
+    slo_moves: u64,
+}
+
+impl Block {
+    /// After `before`, 0 or 1 for each wire.
+    #[inline(always)]
+    pub(super) fn new(ma: u64, slo: u64, before: (u64, u64)) -> Block {
+        Block {
+            ma,
+            slo,
+            ma_moves: ma ^ (ma << 1 | before.0),
+            slo_moves: slo ^ (slo << 1 | before.1),
+        }
+    }
+
+    /// Where one of them moves.
+    #[inline(always)]
+    pub(super) fn moves(&self) -> u64 {
+        self.ma_moves | self.slo_moves
+    }
+
+    /// Both at its end.
+    #[inline(always)]
+    pub(super) fn last(&self) -> (u64, u64) {
+        (self.ma >> 63, self.slo >> 63)
+    }
+}
+
+/// A block's first sample, in samples from the region's first one, and where in it something moves.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moved {
+    places: u64,
+    base: u32,
+}
+
 /// Consecutive blocks. Before them both wires were 1.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     ma: [u64; ROOM],
-    /// Two more, so that a window may end behind the last block.
-    slo: [u64; ROOM + 2],
-    /// Where MA rises.
-    rises: [u64; ROOM],
-    /// How often; up to MA's last edge.
-    counts: [u8; ROOM],
-    /// When, for those who need to know.
+    /// One more, so that a window may end behind the last block.
+    slo: [u64; ROOM + 1],
+    /// Blocks in which SLO moves, and where.
+    moved: [Moved; ROOM],
+    /// Where and when MA rises, if that was asked.
+    edges: Vec<u32>,
     rises_ns: Vec<u64>,
     len: usize,
     /// Number of the first sample.
@@ -33,18 +73,10 @@ pub(super) struct Region {
 struct Seen {
     /// Blocks until the last edge of MA.
     clocked: usize,
-    rises: u32,
     /// MA's first falling edge.
     fall: u32,
-    /// Levels of MA that lasted for one sample.
-    short: u64,
-    /// Where MA moves in the block before.
-    moved_before: u64,
-    /// Changes of SLO, where the first two are and the last one.
-    changes: u32,
-    ack: u32,
-    behind: u32,
-    end: u32,
+    /// Blocks in which SLO moves.
+    moved: usize,
     /// SLO has risen since the last edge of MA, and both wires are 1.
     over: bool,
 }
@@ -53,10 +85,10 @@ impl Region {
     pub(super) fn new() -> Box<Region> {
         Box::new(Region {
             ma: [0; ROOM],
-            slo: [0; ROOM + 2],
-            rises: [0; ROOM],
-            counts: [0; ROOM],
-            rises_ns: Vec::with_capacity(64 * WORDS),
+            slo: [0; ROOM + 1],
+            moved: [Moved::default(); ROOM],
+            edges: Vec::with_capacity(64 * WORDS + BLOCK),
+            rises_ns: Vec::with_capacity(64 * WORDS + BLOCK),
             len: 0,
             first: 0,
             seen: Seen::default(),
@@ -93,42 +125,36 @@ impl Region {
     /// A block in which something moves, with MA falling first where it is the first one. `first` is the number of its
     /// first sample.
     #[inline(always)]
-    pub(super) fn push(&mut self, first: u64, ma: u64, slo: u64) {
-        let (ma_before, slo_before) = self.last();
-        let ma_moves = ma ^ (ma << 1 | ma_before);
-        let slo_moves = slo ^ (slo << 1 | slo_before);
+    pub(super) fn push(&mut self, first: u64, block: Block) {
+        let Block {
+            ma,
+            slo,
+            ma_moves,
+            slo_moves,
+        } = block;
         let seen = &mut self.seen;
         let base = (self.len * BLOCK) as u32;
-        if self.len == 0 {
+        if base == 0 {
             self.first = first;
             seen.fall = ma_moves.trailing_zeros();
         }
-        let rises = ma_moves & ma;
-        (self.ma[self.len], self.slo[self.len]) = (ma, slo);
-        self.rises[self.len] = rises;
-        self.len += 1;
-        self.counts[self.len - 1] = 0;
+        // There is room: said so that nothing has to look once more.
+        let at = self.len % ROOM;
+        (self.ma[at], self.slo[at]) = (ma, slo);
+        self.len = at + 1;
         if ma_moves != 0 {
             seen.clocked = self.len;
-            let count = rises.count_ones();
-            self.counts[self.len - 1] = count as u8;
-            seen.rises += count;
         }
-        seen.short |= ma_moves & (ma_moves << 1 | seen.moved_before >> 63);
-        seen.moved_before = ma_moves;
         if slo_moves != 0 {
-            if seen.changes < 2 {
-                let mut places = places(slo_moves).map(|at| base + at);
-                if seen.changes == 0 {
-                    seen.ack = places.next().unwrap_or(0);
-                }
-                seen.behind = places.next().unwrap_or(0);
-            }
-            seen.changes += slo_moves.count_ones();
-            seen.end = base + 63 - slo_moves.leading_zeros();
+            self.moved[seen.moved % ROOM] = Moved {
+                places: slo_moves,
+                base,
+            };
+            seen.moved += 1;
         }
-        let later = slo_moves.leading_zeros() < ma_moves.leading_zeros();
-        seen.over = ma >> 63 == 1 && slo >> 63 == 1 && later;
+        // The highest one of SLO's is higher than all of MA's.
+        let later = slo_moves & !ma_moves > ma_moves;
+        seen.over = (ma & slo) >> 63 == 1 && later;
     }
 
     /// Blocks in which nothing moves, as many of so many as there is room for.
@@ -138,36 +164,32 @@ impl Region {
         let (ma, slo) = self.last();
         let new = self.len..self.len + blocks;
         self.ma[new.clone()].fill(ma.wrapping_neg());
-        self.slo[new.clone()].fill(slo.wrapping_neg());
-        self.rises[new.clone()].fill(0);
-        self.counts[new].fill(0);
+        self.slo[new].fill(slo.wrapping_neg());
         self.len += blocks;
-        self.seen.moved_before = 0;
     }
 
     /// Where MA falls in the block that comes next, if SLO has risen before, and MA has rested for a block at least.
     #[inline(always)]
-    pub(super) fn begins_anew(&self, ma: u64, slo: u64) -> Option<u32> {
-        let last = self.len - 1;
-        let rests = self.seen.clocked < self.len && self.ma[last] >> 63 == 1;
-        let fall = (!ma).trailing_zeros();
-        if !rests || fall > 63 {
+    pub(super) fn begins_anew(&self, block: Block) -> Option<u32> {
+        if self.seen.clocked == self.len || block.ma_moves == 0 {
             return None;
         }
-        let before = (1u64 << fall) - 1;
-        let moves = (slo ^ (slo << 1 | self.slo[last] >> 63)) & before;
-        let rises = moves & slo != 0 && moves & (moves - 1) == 0;
+        let fall = block.ma_moves.trailing_zeros();
+        if block.ma >> fall & 1 == 1 {
+            return None;
+        }
+        let moves = block.slo_moves & ((1 << fall) - 1);
+        let rises = moves & block.slo != 0 && moves & (moves - 1) == 0;
         (self.seen.over && moves == 0 || rises).then_some(fall)
     }
 
     /// Every change, in order: sample number and both levels.
     pub(super) fn changes(&self) -> impl Iterator<Item = (u64, bool, bool)> + '_ {
-        let (mut ma_before, mut slo_before) = (1, 1);
+        let mut before = (1, 1);
         let blocks = (0..self.len).flat_map(move |index| {
-            let (ma, slo) = (self.ma[index], self.slo[index]);
-            let moves = moves(ma, slo, ma_before, slo_before);
-            (ma_before, slo_before) = (ma >> 63, slo >> 63);
-            places(moves).map(move |at| (index, at))
+            let block = Block::new(self.ma[index], self.slo[index], before);
+            before = block.last();
+            places(block.moves()).map(move |at| (index, at))
         });
         blocks.map(|(index, at)| {
             let sample = self.first + (index * BLOCK) as u64 + u64::from(at);
@@ -175,11 +197,6 @@ impl Region {
             (sample, level(self.ma[index]), level(self.slo[index]))
         })
     }
-}
-
-/// Where one of two wires moves.
-pub(super) fn moves(ma: u64, slo: u64, ma_before: u64, slo_before: u64) -> u64 {
-    ma ^ (ma << 1 | ma_before) | slo ^ (slo << 1 | slo_before)
 }
 
 /// The places of ones, lowest first.
@@ -210,8 +227,11 @@ pub(crate) struct Regular {
     pub(crate) ready_ns: u64,
 }
 
-/// Words of bits: clocks that a steady cycle may have.
+/// Words of bits.
 const WORDS: usize = 4;
+
+/// Clocks that a steady cycle may have.
+const MOST_CLOCKS: u32 = 64 * WORDS as u32;
 
 /// The least samples in a clock for which all that is said here holds.
 const LEAST_GAP: u32 = 8;
@@ -221,9 +241,26 @@ struct Clock {
     first: u32,
     second: u32,
     last: u32,
-    clocks: u32,
-    /// Samples from one to the next, rounded.
+}
+
+/// Where SLO moves, in samples from the region's first one.
+struct Answer<'a> {
+    /// It falls for Ack, and rises for start.
+    ack: u32,
+    behind: u32,
+    /// All but the last.
+    moves: Moves<'a>,
+    /// SL = 1.
+    end: u32,
+}
+
+/// What SLO said with each clock.
+struct Said {
+    bits: Bits,
+    /// Samples from one rising edge to the next, rounded.
     gap: u32,
+    /// All are so long.
+    steady: bool,
 }
 
 impl Region {
@@ -239,46 +276,37 @@ impl Region {
         fell: bool,
     ) -> Option<Regular> {
         let clock = self.clock()?;
-        let Seen { fall, ack, end, .. } = self.seen;
-        // What is shorter than half a clock is a spike, and no Ack.
-        if ack < clock.second || 2 * (self.seen.behind - ack) < clock.gap + 3 {
-            return None;
-        }
-        let delay = ack - clock.second;
-        let steady = steady(&self.rises[..self.seen.clocked], &clock);
-        let slow = clock.gap >= BLOCK as u32 && is_prompt(&clock, delay);
-        let bits = if steady && !slow {
-            self.bits::<W>(&clock, delay)?
-        } else {
-            self.bits_by_edges(&clock, step)?
-        };
-        let ns = |place: u32| step.ns(self.first + u64::from(place));
-        let (fall_ns, risen_ns, end_ns) = (ns(fall), ns(clock.last), ns(end));
+        let Said { bits, gap, steady } = self.said::<W>(&clock, step)?;
+        let Answer {
+            ack, behind, end, ..
+        } = self.answer()?;
+        let first = self.first;
+        let ns = |place: u32| step.ns(first + u64::from(place));
+        let (fall_ns, risen_ns, end_ns) = (ns(self.seen.fall), ns(clock.last), ns(end));
         let (first_ns, second_ns) = (ns(clock.first), ns(clock.second));
-        // Neither too early to be SL = 1, nor so late that the cycle was over before.
-        let early = end - clock.last <= delay + (3 * clock.gap).div_ceil(4) + 1;
+        // So late that the cycle was over before.
         let late = end_ns - risen_ns > timeout_ns || first_ns - fall_ns > timeout_ns;
         // Channels out of step by a sample could still have MA rise with it.
-        let rests = fell || self.len * BLOCK - end as usize > clock.gap as usize / 8 + 2;
-        if early || late || !rests {
+        let rests = fell || self.len * BLOCK - end as usize > gap as usize / 8 + 2;
+        if late || !rests || bits.len < 4 {
             return None;
         }
-        let gap_ns = self.longest_gap(&clock, steady, step);
+        let gap_ns = self.longest_gap(gap, steady, step);
         let low_ns = first_ns - fall_ns;
         let (longest_ns, longest_edge) = if gap_ns.0 > low_ns {
             gap_ns
         } else {
             (low_ns, 1)
         };
-        let spans = u64::from(clock.clocks - 1);
+        let spans = u64::from(bits.len - 1);
         let small = |ns: u64| u32::try_from(ns).ok();
         Some(Regular {
             t_ns: fall_ns,
-            bits: bits.map(u64::reverse_bits),
-            clocks: clock.clocks as u16,
+            bits: bits.words,
+            clocks: bits.len as u16,
             period_ns: small((risen_ns - first_ns + spans / 2) / spans)?,
             delay_ns: small(ns(ack) - second_ns)?,
-            busy_ns: small(ns(self.seen.behind) - ns(ack))?,
+            busy_ns: small(ns(behind) - ns(ack))?,
             reference_ns: small(second_ns - fall_ns)?,
             longest_ns: small(longest_ns)?,
             longest_edge,
@@ -287,205 +315,286 @@ impl Region {
         })
     }
 
-    /// MA falls and rises, and rests high. No level is as short as a sample.
+    /// Each bit, where it is sure.
     #[inline(always)]
-    fn clock(&self) -> Option<Clock> {
-        let Seen {
-            clocked,
-            rises: clocks,
-            short,
-            ..
-        } = self.seen;
-        // MA is high before and behind, so it has fallen as often.
-        if short != 0 || !(4..=64 * WORDS as u32).contains(&clocks) {
+    fn said<W: Wide>(&mut self, clock: &Clock, step: Step) -> Option<Said> {
+        let gap = clock.second - clock.first;
+        if gap < LEAST_GAP {
             return None;
         }
-        let rises = &self.rises[..clocked];
-        let (first, rest) = next(rises, 0, !0)?;
-        let (second, _) = next(rises, first as usize / BLOCK, rest)?;
-        // The last edge is a rising one, as MA is high behind it.
-        let last = (clocked * BLOCK) as u32 - 1 - rises.last()?.leading_zeros();
-        let gap = (last - first + (clocks - 1) / 2) / (clocks - 1);
-        (gap >= LEAST_GAP).then_some(Clock {
-            first,
-            second,
-            last,
-            clocks,
+        let Some(clocks) = self.steady(clock, gap) else {
+            return self.bits_by_edges(clock, step);
+        };
+        let answer = self.answer().filter(|answer| answer.fits(clock, gap))?;
+        let quiet = Quiet::new(gap, answer.ack - clock.second);
+        let early = answer.end - clock.last <= quiet.early + quiet.still;
+        if early || clocks > MOST_CLOCKS {
+            return None;
+        }
+        let bits = if W::GATHERS {
+            self.bits_at_rises::<W>(clocks, quiet)?
+        } else {
+            bits_between_moves(answer, clock.first, gap, clocks, quiet)?
+        };
+        Some(Said {
+            bits,
             gap,
+            steady: true,
         })
     }
 
-    /// SLO in the middle of each bit, the first one least significant, where all clocks are as long: the line through all
-    /// edges is then the edges themselves, but for a rounding. Nothing is said where SLO is close to a change, moves ahead
-    /// of its own edge, or moves more often than the bits need.
+    /// At least Ack, start, and SL = 1.
     #[inline(always)]
-    fn bits<W: Wide>(&mut self, clock: &Clock, delay: u32) -> Option<[u64; WORDS]> {
-        /// Rounding, of samples and of nanoseconds.
-        const MARGIN: u32 = 2;
-        let Seen {
-            clocked, changes, ..
-        } = self.seen;
-        let middle = delay + clock.gap / 2;
-        // SLO stays 1 behind the region, as far as the last windows reach.
-        self.slo[self.len..self.len + 2].fill(!0);
-        let windows = [middle - MARGIN, middle, middle + MARGIN]
-            .map(|offset| Window::new(&self.slo, offset, clocked));
-        let [early, sampled, late] = [windows[0]?, windows[1]?, windows[2]?];
-        let mut bits = Gathered::default();
-        let (mut unsure, mut before) = (0, !0);
-        // With each rising edge SLO still shows the bit before, unless the line delay is long enough to hide that.
-        let prompt = is_prompt(clock, delay);
-        let back = clock.gap.wrapping_sub(middle) % BLOCK as u32;
-        let blocks = self.rises[..clocked].iter().zip(&self.counts);
-        for (index, (rises, count)) in blocks.enumerate() {
-            let slo = sampled.at(index);
-            unsure |= (slo ^ early.at(index) | slo ^ late.at(index)) & rises;
-            bits.push(W::gather(slo, *rises), u32::from(*count));
-            if prompt {
-                let slo = self.slo[index];
-                let shown = slo << 1 | before >> 63;
-                let bit_before = slo << back | before >> (BLOCK as u32 - back);
-                before = slo;
-                unsure |= (shown ^ bit_before) & rises;
+    fn answer(&self) -> Option<Answer<'_>> {
+        let last = self.moved[self.seen.moved.checked_sub(1)?];
+        let end = last.base + 63 - last.places.leading_zeros();
+        let moves = Moves {
+            moved: &self.moved,
+            at: 0,
+            left: self.moved[0].places,
+            end,
+        };
+        let mut first = moves.clone();
+        let (ack, behind) = (first.next()?, first.next()?);
+        Some(Answer {
+            ack,
+            behind,
+            moves,
+            end,
+        })
+    }
+
+    /// MA falls and rises, and rests high.
+    #[inline(always)]
+    fn clock(&self) -> Option<Clock> {
+        let mut blocks = Rises::new(&self.ma[..self.seen.clocked]).enumerate();
+        let mut word = 0;
+        let mut base = 0;
+        let mut next = || {
+            while word == 0 {
+                let (index, rises) = blocks.next()?;
+                (base, word) = ((index * BLOCK) as u32, rises);
             }
+            let at = word.trailing_zeros();
+            word &= word - 1;
+            Some(base + at)
+        };
+        let (first, second) = (next()?, next()?);
+        // The last edge is a rising one, as MA is high behind it: the last 0 is before it.
+        let (block, ma) = (self.seen.clocked - 1, *self.ma.get(self.seen.clocked - 1)?);
+        let last = (block * BLOCK) as u32 + BLOCK as u32 - (!ma).leading_zeros();
+        Some(Clock {
+            first,
+            second,
+            last,
+        })
+    }
+
+    /// How often MA rises, if each time one gap behind the last one, and without a level as short as a sample.
+    #[inline(always)]
+    fn steady(&self, clock: &Clock, gap: u32) -> Option<u32> {
+        let mut pace = Pace::new(clock, gap);
+        let (mut high, mut moved, mut short) = (1, 0, 0);
+        for (index, ma) in self.ma[..self.seen.clocked].iter().enumerate() {
+            let moves = ma ^ (ma << 1 | high);
+            short |= moves & (moves << 1 | moved);
+            if !pace.keeps(index, moves & ma) {
+                return None;
+            }
+            (high, moved) = (ma >> 63, moves >> 63);
         }
-        let as_needed = bits.last() == 0 && bits.changes() + 1 == changes;
-        (unsure == 0 && as_needed).then_some(bits.words)
+        (short == 0).then(|| (clock.last - clock.first) / gap + 1)
+    }
+
+    /// The bits of `clocks` rising edges, many edges at a time.
+    #[inline(always)]
+    fn bits_at_rises<W: Wide>(&mut self, clocks: u32, quiet: Quiet) -> Option<Bits> {
+        let clocked = self.seen.clocked;
+        let early = Window::new(&self.slo, quiet.early, clocked)?;
+        let late = Window::new(&self.slo, quiet.early + quiet.still, clocked)?;
+        let mut bits = Bits::default();
+        let mut unsure = 0;
+        for (index, rises) in Rises::new(&self.ma[..clocked]).enumerate() {
+            let slo = early.at(index);
+            unsure |= (slo ^ late.at(index)) & rises;
+            bits.push(W::gather(slo, rises), rises.count_ones());
+        }
+        bits.most_significant_first();
+        let moved = &self.moved[..self.seen.moved];
+        let moves: u32 = moved.iter().map(|block| block.places.count_ones()).sum();
+        // The last move is SL = 1. Where there are no more moves than bits need, SLO stays as it is from each early place
+        // to the late one.
+        let as_needed = !bits.last() && bits.changes() + 1 == moves;
+        (unsure == 0 && as_needed && bits.len == clocks).then_some(bits)
     }
 
     /// The same where clocks differ by a sample, each bit where the slicer samples it.
-    fn bits_by_edges(&mut self, clock: &Clock, step: Step) -> Option<[u64; WORDS]> {
-        let Seen {
-            clocked,
-            changes,
-            ack,
-            ..
-        } = self.seen;
-        let first = self.first;
-        self.rises_ns.clear();
-        let (mut least, mut most, mut before) = (u32::MAX, 0, clock.first);
-        for (index, word) in self.rises[..clocked].iter().enumerate() {
-            for at in places(*word) {
-                let place = (index * BLOCK) as u32 + at;
-                self.rises_ns.push(step.ns(first + u64::from(place)));
-                if place > clock.first {
-                    (least, most) = (least.min(place - before), most.max(place - before));
-                }
-                before = place;
-            }
+    fn bits_by_edges(&mut self, clock: &Clock, step: Step) -> Option<Said> {
+        self.note_rises(step);
+        let clocks = self.edges.len() as u32;
+        if clocks > MOST_CLOCKS || self.has_short() {
+            return None;
         }
+        let gaps = self.edges.windows(2).map(|pair| pair[1] - pair[0]);
+        let (least, most) = gaps.fold((u32::MAX, 0), |(least, most), gap| {
+            (least.min(gap), most.max(gap))
+        });
         if least < LEAST_GAP || most > least + 1 {
             return None;
         }
+        let spans = clocks - 1;
+        let gap = (clock.last - clock.first + spans / 2) / spans;
+        let answer = self.answer().filter(|answer| answer.fits(clock, gap))?;
         let line = Line::through(&self.rises_ns);
-        let (ack_ns, second_ns) = (step.ns(first + u64::from(ack)), *self.rises_ns.get(1)?);
+        let first = self.first;
+        let (ack_ns, second_ns) = (
+            step.ns(first + u64::from(answer.ack)),
+            *self.rises_ns.get(1)?,
+        );
         let half_ns = mean_period(&self.rises_ns)? / 2;
-        let prompt = is_prompt(clock, ack - clock.second);
-        let mut bits = Gathered::default();
-        let (mut unsure, mut place) = (false, 0);
-        let mut rises = self.rises[..clocked].iter().enumerate();
-        let (mut block, mut word) = rises.next()?;
-        let mut left = *word;
-        for (index, rise_ns) in self.rises_ns.iter().enumerate() {
-            while left == 0 {
-                (block, word) = rises.next()?;
-                left = *word;
-            }
-            let edge = (block * BLOCK) as u32 + left.trailing_zeros();
-            left &= left - 1;
+        let prompt = is_prompt(gap, answer.ack - clock.second);
+        let mut moves = answer.moves.clone().peekable();
+        let mut bits = Bits::default();
+        let mut place = 0;
+        for (index, (edge, rise_ns)) in self.edges.iter().zip(&self.rises_ns).enumerate() {
             let middle_ns = match line {
                 Some(line) => line.middle(&self.rises_ns, index, Some(ack_ns)),
                 None => rise_ns + (ack_ns - second_ns) + half_ns,
             };
-            place = step.sample(middle_ns, first, place.max(edge));
-            let level = self.slo(place);
-            // Nothing has moved shortly before.
-            unsure |= self.slo(place - least / 4) != level;
-            unsure |= prompt && self.slo(edge - 1) != bits.last();
-            bits.push(level, 1);
+            place = step.sample(middle_ns, first, place.max(*edge));
+            if let Some(moved) = moves.next_if(|moved| *moved <= place) {
+                // Shortly before, or ahead of its edge.
+                if moved > place - least / 4 || prompt && moved < *edge {
+                    return None;
+                }
+                bits.turn(index as u32);
+            }
+            if moves.peek().is_some_and(|moved| *moved <= place) {
+                return None;
+            }
         }
-        let as_needed = bits.last() == 0 && bits.changes() + 1 == changes;
-        (!unsure && as_needed).then_some(bits.words)
+        bits.len = clocks;
+        bits.turns_to_levels();
+        (moves.next().is_none() && !bits.last()).then_some(Said {
+            bits,
+            gap,
+            steady: false,
+        })
     }
 
-    /// SLO at one sample; it stays as it is behind the region.
-    #[inline(always)]
-    fn slo(&self, place: u32) -> u64 {
-        let block = place as usize / BLOCK;
-        if block >= self.len {
-            return 1;
-        }
-        self.slo[block] >> (place % BLOCK as u32) & 1
+    /// Whether a level of MA lasted for one sample.
+    fn has_short(&self) -> bool {
+        let (mut high, mut moved) = (1, 0);
+        self.ma[..self.seen.clocked].iter().any(|ma| {
+            let moves = ma ^ (ma << 1 | high);
+            let short = moves & (moves << 1 | moved);
+            (high, moved) = (ma >> 63, moves >> 63);
+            short != 0
+        })
     }
 
     /// The longest time from rising edge to rising edge, and the edge that first ended so long a one.
     #[inline(always)]
-    fn longest_gap(&self, clock: &Clock, steady: bool, step: Step) -> (u64, u16) {
-        if let Some(step_ns) = step.whole_ns().filter(|_| steady) {
-            return (u64::from(clock.gap) * step_ns, 2);
+    fn longest_gap(&mut self, gap: u32, steady: bool, step: Step) -> (u64, u16) {
+        match step.whole_ns() {
+            Some(step_ns) if steady => return (u64::from(gap) * step_ns, 2),
+            None if steady => self.note_rises(step),
+            _ => {}
         }
-        let (mut longest, mut before) = ((0, 0), None);
-        let all = self.rises[..self.seen.clocked].iter().enumerate();
-        let all = all.flat_map(|(index, word)| places(*word).map(move |at| (index, at)));
-        for (edge, (index, at)) in all.enumerate() {
-            let ns = step.ns(self.first + (index * BLOCK) as u64 + u64::from(at));
-            if let Some(before) = before.replace(ns) {
-                if ns - before > longest.0 {
-                    longest = (ns - before, edge as u16 + 1);
-                }
+        let mut longest = (0, 0);
+        for (edge, pair) in (2..).zip(self.rises_ns.windows(2)) {
+            let gap_ns = pair[1] - pair[0];
+            if gap_ns > longest.0 {
+                longest = (gap_ns, edge);
             }
         }
         longest
     }
+
+    /// Where and when MA rises, as often as a steady cycle may have it rise, and a little more.
+    fn note_rises(&mut self, step: Step) {
+        self.edges.clear();
+        let rises = Rises::new(&self.ma[..self.seen.clocked]);
+        for (base, word) in (0..).step_by(BLOCK).zip(rises) {
+            if self.edges.len() > MOST_CLOCKS as usize {
+                break;
+            }
+            self.edges.extend(places(word).map(|at| base + at));
+        }
+        let first = self.first;
+        let ns = |edge: &u32| step.ns(first + u64::from(*edge));
+        self.rises_ns.clear();
+        self.rises_ns.extend(self.edges.iter().map(ns));
+    }
 }
 
-/// The first one at or behind block `from`, of which only `mask` counts; and the mask for the next one.
-#[inline(always)]
-fn next(words: &[u64], from: usize, mask: u64) -> Option<(u32, u64)> {
-    let mut mask = mask;
-    for (index, word) in words.iter().enumerate().skip(from) {
-        let word = word & mask;
-        if word != 0 {
-            let at = word.trailing_zeros();
-            let rest = (!0u64).checked_shl(at + 1).unwrap_or(0);
-            return Some(((index * BLOCK) as u32 + at, rest));
+impl Answer<'_> {
+    /// Whether SLO falls for an Ack behind the second edge, and rises when the cycle is over, and not earlier.
+    #[inline(always)]
+    fn fits(&self, clock: &Clock, gap: u32) -> bool {
+        // What is shorter than half a clock is a spike, and no Ack.
+        let spike = 2 * (self.behind - self.ack) < gap + 3;
+        if spike || self.ack < clock.second || self.end < clock.last {
+            return false;
         }
-        mask = !0;
+        let delay = self.ack - clock.second;
+        self.end - clock.last > delay + (3 * gap).div_ceil(4) + 1
     }
-    None
 }
 
-/// Whether SLO could move so long ahead of its own edge that the slicer takes it for the end of the cycle.
-#[inline(always)]
-fn is_prompt(clock: &Clock, delay: u32) -> bool {
-    delay < clock.gap / 4 + 2
+/// Where SLO has to be quiet for its bit to be sure: in the middle, where all clocks are as long, as the line through all
+/// edges is then the edges themselves, but for a rounding; and up to the next edge, when it could move ahead of that.
+#[derive(Clone, Copy)]
+struct Quiet {
+    /// From so many samples behind the edge on.
+    early: u32,
+    /// For so many more.
+    still: u32,
 }
 
-/// Whether all rising edges are one gap apart. Ones are at least four apart, so none can hide between two others: it would
-/// have to be a gap behind one more itself.
+impl Quiet {
+    #[inline(always)]
+    fn new(gap: u32, delay: u32) -> Quiet {
+        /// Rounding, of samples and of nanoseconds.
+        const MARGIN: u32 = 2;
+        let early = delay + gap / 2 - MARGIN;
+        // With each rising edge SLO still shows the bit before, unless the line delay is long enough to hide that.
+        let still = if is_prompt(gap, delay) {
+            (gap - 1 - early).max(2 * MARGIN)
+        } else {
+            2 * MARGIN
+        };
+        Quiet { early, still }
+    }
+}
+
+/// The bits of `clocks` rising edges, one gap apart from the first one on, move by move. None may be where it should be quiet,
+/// and one at most between two bits.
 #[inline(always)]
-fn steady(rises: &[u64], clock: &Clock) -> bool {
-    let mut strange = 0;
-    if clock.gap < BLOCK as u32 {
-        let mut previous = 0u64;
-        // The first one has none before it.
-        let (block, alone) = (clock.first as usize / BLOCK, 1 << (clock.first % 64));
-        for (index, word) in rises.iter().enumerate() {
-            let behind = word << clock.gap | previous >> (BLOCK as u32 - clock.gap);
-            let odd = word & !behind;
-            strange |= if index == block { odd ^ alone } else { odd };
-            previous = *word;
+fn bits_between_moves(
+    answer: Answer,
+    first: u32,
+    gap: u32,
+    clocks: u32,
+    quiet: Quiet,
+) -> Option<Bits> {
+    // A move counts for the first bit whose early place is not before it.
+    let origin = first + quiet.early + 1;
+    let (per_gap, mut least) = ((1 << 32) / u64::from(gap) + 1, 0);
+    let mut bits = Bits::default();
+    for place in answer.moves {
+        let behind = place + gap - origin;
+        // Exact, as both are less than 2^15.
+        let bit = ((u64::from(behind) * per_gap) >> 32) as u32;
+        if bit < least || behind - bit * gap < quiet.still {
+            return None;
         }
-        return strange == 0;
+        bits.turn(bit);
+        least = bit + 1;
     }
-    let (mut strange, mut due) = (0, clock.first);
-    for (index, word) in rises.iter().enumerate() {
-        for at in places(*word) {
-            strange |= ((index * BLOCK) as u32 + at) ^ due;
-            due += clock.gap;
-        }
-    }
-    strange == 0
+    bits.len = clocks;
+    bits.turns_to_levels();
+    (least <= clocks && !bits.last()).then_some(bits)
 }
 
 /// SLO so many samples behind each block.
@@ -512,44 +621,179 @@ impl Window<'_> {
     }
 }
 
-/// Bits side by side, the first one least significant.
-#[derive(Default)]
-struct Gathered {
-    words: [u64; WORDS],
-    have: u32,
+/// Places in many blocks, lowest first, as far as the end. Where one block is over and the next one begins is data like any
+/// other: a branch on it would be guessed wrong for most blocks.
+#[derive(Clone)]
+struct Moves<'a> {
+    moved: &'a [Moved; ROOM],
+    /// Wraps around behind the last block that there may be, where nothing is looked at any more.
+    at: u8,
+    /// Those of this block that are still to come.
+    left: u64,
+    end: u32,
 }
 
-impl Gathered {
+impl Iterator for Moves<'_> {
+    type Item = u32;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<u32> {
+        let place = self.moved[usize::from(self.at)].base + self.left.trailing_zeros();
+        if place == self.end {
+            return None;
+        }
+        self.left &= self.left.wrapping_sub(1);
+        let over = self.left == 0;
+        self.at = self.at.wrapping_add(over.into());
+        self.left |= self.moved[usize::from(self.at)].places & u64::from(over).wrapping_neg();
+        Some(place)
+    }
+}
+
+/// Where MA rises, block by block; it was 1 before.
+#[derive(Clone)]
+struct Rises<'a> {
+    ma: std::slice::Iter<'a, u64>,
+    high: u64,
+}
+
+impl Rises<'_> {
+    #[inline(always)]
+    fn new(ma: &[u64]) -> Rises<'_> {
+        Rises {
+            ma: ma.iter(),
+            high: 1,
+        }
+    }
+}
+
+impl Iterator for Rises<'_> {
+    type Item = u64;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<u64> {
+        let ma = *self.ma.next()?;
+        let rises = ma & !(ma << 1 | self.high);
+        self.high = ma >> 63;
+        Some(rises)
+    }
+}
+
+/// Whether SLO could move so long ahead of its own edge that the slicer takes it for the end of the cycle.
+#[inline(always)]
+fn is_prompt(gap: u32, delay: u32) -> bool {
+    delay < gap / 4 + 2
+}
+
+/// Follows rising edges that should all be one gap apart.
+struct Pace {
+    gap: u32,
+    /// The first edge, which has none before it.
+    block: usize,
+    alone: u64,
+    /// Edges of the block before.
+    previous: u64,
+    /// Where the next one is due, for gaps longer than a block.
+    due: u32,
+}
+
+impl Pace {
+    #[inline(always)]
+    fn new(clock: &Clock, gap: u32) -> Pace {
+        Pace {
+            gap,
+            block: clock.first as usize / BLOCK,
+            alone: 1 << (clock.first % BLOCK as u32),
+            previous: 0,
+            due: clock.first,
+        }
+    }
+
+    /// Ones are at least four apart, so none can hide between two others: it would have to be a gap behind one more itself.
+    #[inline(always)]
+    fn keeps(&mut self, index: usize, rises: u64) -> bool {
+        if self.gap < BLOCK as u32 {
+            let behind = rises << self.gap | self.previous >> (BLOCK as u32 - self.gap);
+            let odd = rises & !behind;
+            self.previous = rises;
+            return odd == if index == self.block { self.alone } else { 0 };
+        }
+        let mut keeps = true;
+        for at in places(rises) {
+            keeps &= (index * BLOCK) as u32 + at == self.due;
+            self.due += self.gap;
+        }
+        keeps
+    }
+}
+
+/// A bit for each clock, most significant first.
+#[derive(Default)]
+struct Bits {
+    words: [u64; WORDS],
+    len: u32,
+}
+
+impl Bits {
+    /// More bits, which come least significant first.
     #[inline(always)]
     fn push(&mut self, bits: u64, count: u32) {
-        let (word, place) = ((self.have / 64) as usize % WORDS, self.have % 64);
+        let (word, place) = (self.len as usize / 64 % WORDS, self.len % 64);
         self.words[word] |= bits << place;
         if place + count > 64 {
             self.words[(word + 1) % WORDS] |= bits >> (64 - place);
         }
-        self.have += count;
+        self.len += count;
     }
 
-    /// The last one; 1 before the first.
     #[inline(always)]
-    fn last(&self) -> u64 {
-        match self.have.checked_sub(1) {
-            Some(last) => self.words[(last / 64) as usize % WORDS] >> (last % 64) & 1,
-            None => 1,
+    fn most_significant_first(&mut self) {
+        for word in self.used() {
+            *word = word.reverse_bits();
         }
+    }
+
+    #[inline(always)]
+    fn used(&mut self) -> impl Iterator<Item = &mut u64> {
+        self.words.iter_mut().take(self.len.div_ceil(64) as usize)
     }
 
     /// How often they change after a 1 before them.
     #[inline(always)]
     fn changes(&self) -> u32 {
-        let (mut changes, mut before) = (0, 1);
-        let used = self.have.div_ceil(64) as usize;
+        let (mut changes, mut before) = (0, 1 << 63);
+        let used = self.len.div_ceil(64) as usize;
         for (index, word) in self.words[..used.min(WORDS)].iter().enumerate() {
-            let here = (self.have - 64 * index as u32).min(64);
-            let unused = !0u64 << 1 << (here - 1);
-            changes += ((word ^ (word << 1 | before)) & !unused).count_ones();
-            before = word >> 63;
+            let here = (self.len - 64 * index as u32).min(64);
+            let moves = word ^ (word >> 1 | before);
+            changes += (moves >> (64 - here)).count_ones();
+            before = word << 63;
         }
         changes
+    }
+
+    /// Each bit once: from this one on they are others.
+    #[inline(always)]
+    fn turn(&mut self, bit: u32) {
+        self.words[bit as usize / 64 % WORDS] ^= 1 << (63 - bit % 64);
+    }
+
+    /// What was 1 before becomes what it is behind all turns.
+    #[inline(always)]
+    fn turns_to_levels(&mut self) {
+        let mut before = !0;
+        for word in self.used() {
+            for by in [1, 2, 4, 8, 16, 32] {
+                *word ^= *word >> by;
+            }
+            *word ^= before;
+            before = (*word & 1).wrapping_neg();
+        }
+    }
+
+    #[inline(always)]
+    fn last(&self) -> bool {
+        let last = self.len.saturating_sub(1);
+        self.words[last as usize / 64 % WORDS] >> (63 - last % 64) & 1 == 1
     }
 }

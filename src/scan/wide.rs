@@ -7,22 +7,24 @@ use super::region::BLOCK;
 
 /// Work on 64 samples at a time.
 pub(super) trait Wide {
-    /// In how many blocks, from the first one on, each byte is `level` in all bits of `mask`.
+    /// Asks memory for what comes some blocks behind the first byte, so that it works while a cycle is looked at.
+    #[inline(always)]
+    fn ahead(_bytes: &[u8]) {}
+
+    /// In how many blocks, from the first one on, each byte is `level` in all bits of `mask`. Asks for more on its way.
     fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize;
 
     /// Bit `bit` of each byte, the first one least significant.
     fn pick(bytes: &[u8; BLOCK], bit: u8) -> u64;
 
+    /// Whether many bits are gathered as fast as one.
+    const GATHERS: bool = false;
+
     /// The bits of `word` where `mask` is 1, side by side from the least significant one on.
     #[inline(always)]
-    fn gather(word: u64, mut mask: u64) -> u64 {
-        let (mut gathered, mut place) = (0, 0);
-        while mask != 0 {
-            gathered |= (word >> mask.trailing_zeros() & 1) << place;
-            place += 1;
-            mask &= mask - 1;
-        }
-        gathered
+    fn gather(word: u64, mask: u64) -> u64 {
+        let bits = super::region::places(mask).zip(0..);
+        bits.fold(0, |all, (at, place)| all | (word >> at & 1) << place)
     }
 }
 
@@ -50,6 +52,39 @@ pub(super) fn portable(job: impl Job) {
     job.run::<Portable>();
 }
 
+/// How many blocks, from the first one on, have nothing strange in them. Four at a time: a branch costs as much as half a
+/// block.
+#[inline(always)]
+fn quiet_blocks<V: Copy>(
+    bytes: &[u8],
+    strange: impl Fn(&[u8; BLOCK]) -> V,
+    both: impl Fn(V, V) -> V,
+    none: impl Fn(V) -> bool,
+) -> usize {
+    let mut quiet = 0;
+    let (blocks, _) = bytes.split_at(bytes.len() - bytes.len() % BLOCK);
+    let mut fours = blocks.chunks_exact(4 * BLOCK);
+    for four in fours.by_ref() {
+        let [Some(a), Some(b), Some(c), Some(d)] = [0, 1, 2, 3].map(|at| {
+            let (_, block) = four.split_at(at * BLOCK);
+            block.first_chunk().map(&strange)
+        }) else {
+            break;
+        };
+        if !none(both(both(a, b), both(c, d))) {
+            return quiet + [a, b, c, d].into_iter().take_while(|v| none(*v)).count();
+        }
+        quiet += 4;
+    }
+    for block in fours.remainder().chunks_exact(BLOCK) {
+        match block.first_chunk() {
+            Some(block) if none(strange(block)) => quiet += 1,
+            _ => break,
+        }
+    }
+    quiet
+}
+
 /// Every processor.
 #[cfg_attr(target_arch = "x86_64", allow(dead_code))]
 struct Portable;
@@ -59,14 +94,17 @@ impl Wide for Portable {
     fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize {
         let all = |byte: u8| u64::from_ne_bytes([byte; 8]);
         let (level, mask) = (all(level), all(mask));
-        let quiet = |block: &&[u8]| {
-            let mut strange = 0;
-            for eight in block.chunks_exact(8) {
-                strange |= eight.try_into().map_or(!0, u64::from_ne_bytes) ^ level;
-            }
-            strange & mask == 0
+        let strange = |block: &[u8; BLOCK]| {
+            block.chunks_exact(8).fold(0, |strange, eight| {
+                strange | eight.try_into().map_or(!0, u64::from_ne_bytes) ^ level
+            })
         };
-        bytes.chunks_exact(BLOCK).take_while(quiet).count()
+        quiet_blocks(
+            bytes,
+            strange,
+            |one, other| one | other,
+            |all| all & mask == 0,
+        )
     }
 
     #[inline(always)]
@@ -86,12 +124,13 @@ impl Wide for Portable {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{BLOCK, Job, Wide};
+    use super::{BLOCK, Job, Wide, quiet_blocks};
     use std::arch::x86_64::{
-        __m128i, __m256i, _mm_and_si128, _mm_cmpeq_epi8, _mm_cvtsi32_si128, _mm_loadu_si128,
-        _mm_movemask_epi8, _mm_or_si128, _mm_set1_epi8, _mm_setzero_si128, _mm_sll_epi16,
-        _mm_xor_si128, _mm256_loadu_si256, _mm256_movemask_epi8, _mm256_or_si256, _mm256_set1_epi8,
-        _mm256_sll_epi16, _mm256_testz_si256, _mm256_xor_si256, _pext_u64,
+        __m128i, __m256i, _MM_HINT_T1, _mm_and_si128, _mm_cmpeq_epi8, _mm_cvtsi32_si128,
+        _mm_loadu_si128, _mm_movemask_epi8, _mm_or_si128, _mm_prefetch, _mm_set1_epi8,
+        _mm_setzero_si128, _mm_sll_epi16, _mm_xor_si128, _mm256_loadu_si256, _mm256_movemask_epi8,
+        _mm256_or_si256, _mm256_set1_epi8, _mm256_sll_epi16, _mm256_testz_si256, _mm256_xor_si256,
+        _pext_u64,
     };
 
     /// # Safety
@@ -99,6 +138,15 @@ mod x86 {
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
     pub(super) unsafe fn run(job: impl Job) {
         job.run::<Avx2>();
+    }
+
+    /// How far ahead memory is asked for: about what it delivers while a cycle is looked at.
+    const AHEAD: usize = 64 * BLOCK;
+
+    #[inline(always)]
+    fn ahead(bytes: &[u8]) {
+        // SAFETY: asking for memory that does not exist does nothing, and every x86-64 may ask.
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(bytes.as_ptr().wrapping_add(AHEAD).cast()) };
     }
 
     /// SSE2, which every x86-64 has.
@@ -113,36 +161,51 @@ mod x86 {
                 unsafe { _mm_loadu_si128(quarter.as_ptr().cast()) }
             })
         }
-
-        /// Bits in which a byte differs from `level`.
-        #[inline(always)]
-        fn strange(bytes: &[u8; BLOCK], level: __m128i) -> __m128i {
-            let [a, b, c, d] = Sse2::quarters(bytes);
-            // SAFETY: works on registers only, and every x86-64 has SSE2.
-            unsafe {
-                let x = |quarter| _mm_xor_si128(quarter, level);
-                _mm_or_si128(_mm_or_si128(x(a), x(b)), _mm_or_si128(x(c), x(d)))
-            }
-        }
     }
 
     impl Wide for Sse2 {
         #[inline(always)]
+        fn ahead(bytes: &[u8]) {
+            ahead(bytes);
+        }
+
+        #[inline(always)]
         fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize {
+            let idle = level & mask == mask;
             // SAFETY: works on registers only, and every x86-64 has SSE2.
             let (level, mask) = unsafe { (_mm_set1_epi8(level as i8), _mm_set1_epi8(mask as i8)) };
-            let none = |strange| {
+            let none = |seen, level| {
                 // SAFETY: as above.
                 unsafe {
-                    let equal = _mm_cmpeq_epi8(_mm_and_si128(strange, mask), _mm_setzero_si128());
+                    let equal = _mm_cmpeq_epi8(_mm_and_si128(seen, mask), level);
                     _mm_movemask_epi8(equal) == 0xffff
                 }
             };
-            let quiet = |block: &&[u8]| match (*block).try_into() {
-                Ok(block) => none(Sse2::strange(block, level)),
-                Err(_) => false,
+            // SAFETY: as above.
+            let and = |one, other| unsafe { _mm_and_si128(one, other) };
+            // SAFETY: as above.
+            let or = |one, other| unsafe { _mm_or_si128(one, other) };
+            // SAFETY: as above.
+            let strange = |quarter| unsafe { _mm_xor_si128(quarter, level) };
+            let quarters = |block: &[u8; BLOCK]| {
+                ahead(block);
+                Sse2::quarters(block)
             };
-            bytes.chunks_exact(BLOCK).take_while(quiet).count()
+            if idle {
+                // Ones everywhere: most of a recording, and told with less.
+                let all = |block: &[u8; BLOCK]| {
+                    let [a, b, c, d] = quarters(block);
+                    and(and(a, b), and(c, d))
+                };
+                return quiet_blocks(bytes, all, and, |all| none(all, mask));
+            }
+            let any = |block: &[u8; BLOCK]| {
+                let [a, b, c, d] = quarters(block).map(strange);
+                or(or(a, b), or(c, d))
+            };
+            // SAFETY: as above.
+            let zero = unsafe { _mm_setzero_si128() };
+            quiet_blocks(bytes, any, or, |any| none(any, zero))
         }
 
         #[inline(always)]
@@ -172,27 +235,33 @@ mod x86 {
     }
 
     impl Wide for Avx2 {
+        const GATHERS: bool = true;
+
+        #[inline(always)]
+        fn ahead(bytes: &[u8]) {
+            ahead(bytes);
+        }
+
         #[inline(always)]
         fn quiet(bytes: &[u8], level: u8, mask: u8) -> usize {
-            let (blocks, _) = bytes.split_at(bytes.len() - bytes.len() % BLOCK);
             // SAFETY: works on registers only; AVX2 is there, see `Avx2`.
             let (level, mask) =
                 unsafe { (_mm256_set1_epi8(level as i8), _mm256_set1_epi8(mask as i8)) };
-            let quiet = |block: &&[u8]| {
-                let Ok(block) = <&[u8; BLOCK]>::try_from(*block) else {
-                    return false;
-                };
+            let strange = |block: &[u8; BLOCK]| {
+                ahead(block);
                 let [low, high] = Avx2::halves(block);
                 // SAFETY: as above.
                 unsafe {
-                    let strange = _mm256_or_si256(
-                        _mm256_xor_si256(low, level),
-                        _mm256_xor_si256(high, level),
-                    );
-                    _mm256_testz_si256(strange, mask) != 0
+                    _mm256_or_si256(_mm256_xor_si256(low, level), _mm256_xor_si256(high, level))
                 }
             };
-            blocks.chunks_exact(BLOCK).take_while(quiet).count()
+            // SAFETY: as above.
+            let none = |strange| unsafe { _mm256_testz_si256(strange, mask) != 0 };
+            // One at a time: four cost less work, and more wrong guesses.
+            let blocks = bytes.chunks_exact(BLOCK).map(<[u8]>::first_chunk);
+            blocks
+                .take_while(|block| block.is_some_and(|block| none(strange(block))))
+                .count()
         }
 
         #[inline(always)]
