@@ -231,6 +231,30 @@ fn a_line_that_went_bad_shows_since_when() {
     assert!(screen.contains("last good one 0.0 s ago"), "{screen}");
 }
 
+/// Why frames were bad is told whole, however narrow the terminal is, and as what it was once they are good again.
+#[test]
+fn what_is_over_is_told_as_over() {
+    let link = "sim:motion=speed,rpm=60,absent=700ms";
+    for (frames, columns, over) in [("60", 34, false), ("300", 100, true)] {
+        let bench = Bench::start(&["watch", link, "-n", frames, "-i", "10ms"], columns);
+        let (screen, _, _) = bench.end();
+        let lines = picture(&screen);
+        let all = lines.join(" ");
+        for line in &lines {
+            assert!(line.chars().count() <= usize::from(columns), "{line}");
+        }
+        assert_eq!(all.contains("no fault for 2 s; it was:"), over, "{all}");
+        // The last words of the diagnosis, which no line of 34 has room for behind the others.
+        let words: Vec<&str> = all.split_whitespace().collect();
+        let all = words.join(" ");
+        assert!(all.contains("SL is high and never moves"), "{all}");
+        assert!(
+            all.contains("no encoder, no power, or MA does not arrive"),
+            "{all}"
+        );
+    }
+}
+
 #[test]
 fn without_a_terminal_lines_are_plain() {
     let (stdout, stderr, status) = run("watch sim:frame=mt12,st20,crc6+st8,crc6 -n 150");

@@ -24,6 +24,9 @@ const POINTS: usize = 60;
 /// Rate and speed are means over so long.
 const OVER_NS: u64 = 1_000_000_000;
 
+/// So long without a fault, and why there were some is history.
+const CALM_NS: u64 = 2_000_000_000;
+
 /// Speeds over less are steps of single counts.
 const SPEED_OVER_NS: u64 = 200_000_000;
 
@@ -304,6 +307,26 @@ enum Tone {
 #[derive(Default)]
 struct Line(Vec<(String, Tone)>);
 
+/// As many lines as it needs, broken between words where they are not longer than a line.
+fn wrapped(text: &str, width: usize) -> impl Iterator<Item = String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let line = lines.last_mut().filter(|line| {
+            let used = line.chars().count();
+            used == 0 || used + 1 + word.chars().count() <= width
+        });
+        match line {
+            Some(line) if line.is_empty() => line.push_str(word),
+            Some(line) => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            None => lines.push(format!("  {word}")),
+        }
+    }
+    lines.into_iter()
+}
+
 impl Line {
     fn plain(text: impl Into<String>) -> Line {
         Line(vec![(text.into(), Tone::Plain)])
@@ -371,13 +394,32 @@ impl View {
             line.add(fault.as_str(), Tone::Bad);
             lines.push(line);
         }
-        // What was seen, and what to do about it.
-        let parts = self.why.iter().flat_map(|why| why.split("; "));
-        lines.extend(parts.map(Line::plain));
+        self.reasons(look, &mut lines);
         let mut keys = Line::default();
         keys.add("z count from here   r counters anew   q end", Tone::Faint);
         lines.extend([Line::default(), keys]);
         lines
+    }
+
+    /// What was seen, and what to do about it; and whether that is over.
+    fn reasons(&self, look: Look, lines: &mut Vec<Line>) {
+        let Some(why) = &self.why else {
+            return;
+        };
+        let last_ns = self.faults.back().map_or(0, |(since_ns, _)| *since_ns);
+        let good_ns = self
+            .now_ns
+            .saturating_sub(self.first_ns.unwrap_or(0))
+            .saturating_sub(last_ns);
+        let over = good_ns >= CALM_NS;
+        if over {
+            let good_s = good_ns / 1_000_000_000;
+            lines.push(Line::plain(format!("no fault for {good_s} s; it was:")));
+        }
+        let tone = if over { Tone::Faint } else { Tone::Plain };
+        for part in why.split("; ") {
+            lines.extend(wrapped(part, look.width).map(|text| Line(vec![(text, tone)])));
+        }
     }
 
     fn channel(&self, index: usize, show: &Show, look: Look, lines: &mut Vec<Line>) {
