@@ -9,6 +9,8 @@ pub(super) const BLOCK: usize = 64;
 
 /// Blocks in a region: no cycle that is worth the trouble is longer.
 pub(super) const ROOM: usize = 256;
+// `Moves` counts them with a byte.
+const _: () = assert!(ROOM == 1 << u8::BITS);
 
 /// Both wires for a block's time, and where they move.
 #[derive(Clone, Copy)]
@@ -139,6 +141,7 @@ impl Region {
             seen.fall = ma_moves.trailing_zeros();
         }
         // There is room: said so that nothing has to look once more.
+        debug_assert!(self.len < ROOM);
         let at = self.len % ROOM;
         (self.ma[at], self.slo[at]) = (ma, slo);
         self.len = at + 1;

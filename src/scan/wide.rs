@@ -306,6 +306,47 @@ mod tests {
         }
     }
 
+    struct Quiet<'a>(&'a [u8], u8, u8, &'a mut Vec<usize>);
+
+    impl Job for Quiet<'_> {
+        #[inline(always)]
+        fn run<W: Wide>(self) {
+            let Quiet(bytes, level, mask, seen) = self;
+            seen.push(W::quiet(bytes, level, mask));
+        }
+    }
+
+    /// Many blocks, of which one is strange, or one bit that does not count.
+    #[test]
+    fn all_ways_find_the_first_strange_block() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        for _ in 0..20_000 {
+            let (level, mask) = (rng.u8(..), 1 << rng.u8(0..8) | 1 << rng.u8(0..8));
+            let len = rng.usize(0..=11 * BLOCK);
+            let mut bytes: Vec<u8> = (0..len)
+                .map(|_| level & mask | rng.u8(..) & !mask)
+                .collect();
+            for _ in 0..rng.usize(0..3) {
+                if let Some(byte) = bytes.get_mut(rng.usize(0..11 * BLOCK)) {
+                    *byte ^= 1 << rng.u8(0..8);
+                }
+            }
+            let strange = |block: &[u8]| block.iter().any(|byte| (byte ^ level) & mask != 0);
+            let blocks = bytes.chunks_exact(BLOCK);
+            let want = blocks.take_while(|block| !strange(block)).count();
+            let mut seen = Vec::new();
+            // Without the bits that do not count, as the scanner has it, and with them.
+            for level in [level & mask, level] {
+                widest(Quiet(&bytes, level, mask, &mut seen));
+                portable(Quiet(&bytes, level, mask, &mut seen));
+                Quiet(&bytes, level, mask, &mut seen).run::<Portable>();
+            }
+            assert_eq!(seen, [want; 6]);
+        }
+    }
+
     /// Both against the definitions.
     #[test]
     fn all_ways_agree() {
